@@ -1,0 +1,43 @@
+# Everything installs into $(VENV), once; after a change of pyproject.toml or constraints.txt, again.
+PYTHON ?= python3
+VENV ?= .venv
+WORKERS ?= auto
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: help venv demo test lint clean
+
+help:
+	@echo "make demo    train a small team, evaluate it, record a playback (a few minutes)"
+	@echo "make test    run the tests"
+	@echo "make lint    ruff, mypy, import-linter"
+	@echo "make venv    only set up $(VENV)"
+	@echo "make clean   remove $(VENV) and what the tools left"
+
+venv: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit("robosim needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'
+	@echo "setting up $(VENV); the first time this takes some minutes"
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		--constraint constraints.txt --editable '.[test,dev]'
+	@touch $@
+
+demo: $(STAMP)
+	@$(BIN)/robosim demo
+
+test: $(STAMP)
+	@$(BIN)/python -m pytest --quiet -n $(WORKERS)
+
+lint: $(STAMP)
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy robosim
+	@$(BIN)/lint-imports
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

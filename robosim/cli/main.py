@@ -1,0 +1,110 @@
+"""The command `robosim`: finds the subcommand, runs it, and turns failures into exit codes.
+
+Exit codes: 0 done, 2 wrong input (a sentence on stderr, no traceback), 130 interrupted, 1 anything else.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, Protocol, Union
+
+import tyro
+
+import robosim
+from robosim.errors import InputError
+
+DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play back.
+
+`--version` prints the version. `--debug` anywhere, or ROBOSIM_DEBUG=1, shows the traceback of a failure."""
+
+_SUBCOMMANDS = ("demo", "arena", "train", "evaluate", "play", "bench")
+"""Each is the dataclass of that name, with a capital, in its own module beside this one."""
+
+
+class Subcommand(Protocol):
+    """A parsed command line, ready to run."""
+
+    def run(self) -> None: ...
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (the process's own when None) and return its exit code.
+
+    Wrong usage ends in SystemExit(2), `--help` in SystemExit(0), both raised by tyro.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    debug = "--debug" in arguments or os.environ.get("ROBOSIM_DEBUG", "0") not in {"", "0"}
+    arguments = [argument for argument in arguments if argument != "--debug"]
+    if arguments[:1] == ["--version"]:
+        return exit_code(_print_version, debug)
+    return exit_code(lambda: parse(arguments).run(), debug)
+
+
+def exit_code(action: Callable[[], None], debug: bool) -> int:
+    """Run `action` and return its exit code, with what went wrong in a line on stderr.
+
+    With `debug`, failures and wrong input are raised instead, so that Python prints the traceback.
+    """
+    try:
+        action()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Whoever read our output has gone; Python's last flush at exit must not complain about it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        return 130
+    except InputError as error:
+        if debug:
+            raise
+        for sentence in str(error).splitlines():
+            _complain(sentence)
+        return 2
+    except Exception as error:
+        if debug:
+            raise
+        _complain(f"failed: {_one_line(error)} (add --debug for the traceback)")
+        return 1
+    return 0
+
+
+def parse(arguments: Sequence[str]) -> Subcommand:
+    """Parse a command line without running it."""
+    commands: Any = Union[tuple(_annotated(name) for name in _SUBCOMMANDS if _exists(name))]  # noqa: UP007
+    parsed: Subcommand = tyro.cli(
+        commands,
+        prog="robosim",
+        description=DESCRIPTION,
+        args=list(arguments) or ["--help"],
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
+    )
+    return parsed
+
+
+def _print_version() -> None:
+    print(f"robosim {robosim.__version__}")
+
+
+def _exists(name: str) -> bool:
+    return importlib.util.find_spec(f"robosim.cli.{name}") is not None
+
+
+def _annotated(name: str) -> Any:
+    subcommand = getattr(importlib.import_module(f"robosim.cli.{name}"), name.capitalize())
+    return Annotated[subcommand, tyro.conf.subcommand(name)]
+
+
+def _complain(sentence: str) -> None:
+    print(f"robosim: {sentence}", file=sys.stderr)
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        place = f"{error.filename}: " if error.filename else ""
+        return f"{place}{error.strerror}"
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"

@@ -1,0 +1,109 @@
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import pytest
+
+import robosim
+from robosim.cli.main import exit_code
+from robosim.errors import InputError
+
+
+def run_robosim(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "robosim", *arguments], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def failing(failure: BaseException) -> Callable[[], None]:
+    def action() -> None:
+        raise failure
+
+    return action
+
+
+def test_version() -> None:
+    result = run_robosim("--version")
+    assert (result.returncode, result.stdout, result.stderr) == (0, f"robosim {robosim.__version__}\n", "")
+
+
+def test_help_names_every_subcommand() -> None:
+    result = run_robosim("--help")
+    assert result.returncode == 0
+    for name in ("demo", "arena", "train", "evaluate", "play", "bench"):
+        assert name in result.stdout
+
+
+def test_without_arguments_the_help_is_printed() -> None:
+    assert run_robosim().stdout == run_robosim("--help").stdout
+
+
+def test_help_is_quick() -> None:
+    def seconds() -> float:
+        start = time.perf_counter()
+        run_robosim("--help")
+        return time.perf_counter() - start
+
+    assert min(seconds() for _ in range(5)) < 0.6
+
+
+@pytest.mark.parametrize("arguments", [["fly"], ["arena", "list", "--wings", "2"], ["demo", "--wings"]])
+def test_wrong_usage_exits_with_2(arguments: list[str]) -> None:
+    result = run_robosim(*arguments)
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert "Traceback" not in result.stderr
+
+
+def test_wrong_input_is_one_sentence_and_exit_2() -> None:
+    result = run_robosim("arena", "show", "papr")
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("robosim: ")
+    assert "papr" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_several_wrong_inputs_are_a_line_each(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(failing(InputError("One.\nTwo.")), debug=False) == 2
+    assert capsys.readouterr().err == "robosim: One.\nrobosim: Two.\n"
+
+
+def test_interrupt_is_130(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(failing(KeyboardInterrupt()), debug=False) == 130
+    assert capsys.readouterr().err == "robosim: interrupted\n"
+
+
+@pytest.mark.parametrize(
+    ("failure", "line"),
+    [
+        (RuntimeError("out of\ntunnel"), "RuntimeError: out of tunnel"),
+        (FileNotFoundError(2, "No such file or directory", "a.rrd"), "a.rrd: No such file or directory"),
+    ],
+)
+def test_other_failures_are_one_line_and_exit_1(
+    failure: Exception, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(failing(failure), debug=False) == 1
+    assert capsys.readouterr().err == f"robosim: failed: {line} (add --debug for the traceback)\n"
+
+
+@pytest.mark.parametrize("failure", [RuntimeError("tunnel"), InputError("tunnel")])
+def test_debug_lets_a_failure_through(failure: Exception) -> None:
+    with pytest.raises(type(failure), match="tunnel"):
+        exit_code(failing(failure), debug=True)
+
+
+def test_debug_as_an_option_or_in_the_environment_shows_the_traceback(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert "Traceback" in run_robosim("arena", "show", "papr", "--debug").stderr
+    monkeypatch.setenv("ROBOSIM_DEBUG", "1")
+    assert "Traceback" in run_robosim("arena", "show", "papr").stderr
+
+
+def test_a_reader_that_leaves_early_causes_no_noise() -> None:
+    shell = f"set -o pipefail; {sys.executable} -m robosim arena list | true"
+    result = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, timeout=60, check=False)
+    assert result.stderr == ""
