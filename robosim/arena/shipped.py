@@ -1,0 +1,21 @@
+"""Where the data that comes with robosim lies: arenas and policies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from robosim.errors import InputError
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def shipped_folder(kind: str) -> Path:
+    """Return the folder of shipped data of one kind ("arenas" or "policies").
+
+    An installed package carries it inside itself; a source checkout has it beside the package.
+    """
+    places = (_PACKAGE / "_data" / kind, _PACKAGE.parent / kind)
+    for place in places:
+        if place.is_dir():
+            return place
+    raise InputError(f"This installation of robosim has no folder {kind!r} (looked in {places[0]} and {places[1]}).")
