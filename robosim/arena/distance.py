@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,9 +40,10 @@ class DistanceField:
         part = at - node
         x, y = part[..., 0:1], part[..., 1:2]
         value = self._table.take(node[..., 1] * self._stride + node[..., 0], axis=0, mode="clip")
-        return cast(
-            Floats, value[..., 0, :] + x * value[..., 1, :] + y * (value[..., 2, :] + x * value[..., 3, :])
+        distances: Floats = (
+            value[..., 0, :] + x * value[..., 1, :] + y * (value[..., 2, :] + x * value[..., 3, :])
         )
+        return distances
 
 
 def distance_field(

@@ -30,8 +30,9 @@ def geodesic_raster(free: Mask, zones: tuple[Mask, ...]) -> tuple[Floats, int]:
     """
     corners = _corners(free)
     walls = _sight_blockers(free)
+    targets = sum(len(rectangles(zone)) for zone in zones)
     for per_cell in (8, 4, 2):
-        rays = free.size * per_cell**2 * (len(corners) + len(zones))
+        rays = free.size * per_cell**2 * (len(corners) + targets)
         if rays * len(walls) <= _WORK:
             values = _exact(free, zones, corners, walls, per_cell)
             break
@@ -89,7 +90,7 @@ def _exact(free: Mask, zones: tuple[Mask, ...], corners: Floats, walls: Floats, 
     inside = nodes[open_node]
     best = np.stack([_straight(inside, zone, walls) for zone in zones], axis=-1)
     for index, corner in enumerate(corners):
-        step = np.where(_in_sight(inside, corner, walls), np.hypot(*(inside - corner).T), np.inf)
+        step = _stretch(inside, corner, walls)
         for zone in range(len(zones)):
             best[:, zone] = np.minimum(best[:, zone], step + of_corner[zone][index])
     values[open_node] = best
@@ -101,9 +102,14 @@ def _straight(points: Floats, zone: Mask, walls: Floats) -> Floats:
     best = np.full(len(points), np.inf)
     for x0, y0, x1, y1 in rectangles(zone):
         nearest = np.clip(points, (x0, y0), (x1, y1))
-        length = np.hypot(*(nearest - points).T)
-        best = np.minimum(best, np.where(_in_sight(points, nearest, walls), length, np.inf))
+        best = np.minimum(best, _stretch(points, nearest, walls))
     return best
+
+
+def _stretch(points: Floats, ends: Floats, walls: Floats) -> Floats:
+    """Straight distances [n] from points to ends; inf where a wall is between."""
+    length: Floats = np.hypot(*(ends - points).T)
+    return np.where(_in_sight(points, ends, walls), length, np.inf)
 
 
 def _by_corners(straight: Floats, corners: Floats, walls: Floats) -> Floats:
@@ -115,13 +121,12 @@ def _by_corners(straight: Floats, corners: Floats, walls: Floats) -> Floats:
         if not open_corners[index] or not np.isfinite(best[index]):
             break
         open_corners[index] = False
-        step = np.where(_in_sight(corners, corners[index], walls), np.hypot(*(corners - corners[index]).T), np.inf)
-        best = np.minimum(best, best[index] + step)
+        best = np.minimum(best, best[index] + _stretch(corners, corners[index], walls))
     return best
 
 
 def _beside_free(free: Mask, per_cell: int) -> Mask:
-    """The nodes that lie in a free cell or on its edge."""
+    """Find the nodes that lie in a free cell or on its edge."""
     fine = np.repeat(np.repeat(free, per_cell, axis=0), per_cell, axis=1)
     wide = np.pad(fine, 1)
     beside: Mask = wide[:-1, :-1] | wide[:-1, 1:] | wide[1:, :-1] | wide[1:, 1:]
@@ -148,10 +153,8 @@ def _fast_marching(free: Mask, zone: Mask) -> Floats:
                 continue
             a = min(value[near - 1], value[near + 1])
             b = min(value[near - stride], value[near + stride])
-            if abs(a - b) >= 1.0:
-                new = min(a, b) + 1.0
-            else:
-                new = 0.5 * (a + b + (2.0 - (a - b) ** 2) ** 0.5)
+            one_sided = abs(a - b) >= 1.0
+            new = min(a, b) + 1.0 if one_sided else 0.5 * (a + b + (2.0 - (a - b) ** 2) ** 0.5)
             if new < value[near] - 1e-12:
                 value[near] = new
                 heapq.heappush(heap, (new, near))

@@ -7,9 +7,12 @@ from collections import deque
 from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 Mask = NDArray[np.bool_]
+Cell = tuple[int, int]
+"""(row, column)"""
 
 _STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
@@ -26,7 +29,7 @@ def rectangles(mask: Mask) -> NDArray[np.int64]:
     for row in range(rows + 1):
         runs = set(_runs(mask[row])) if row < rows else set()
         for run in sorted(growing.keys() - runs):
-            found.append((run[0], growing.pop(run), run[1], row))
+            found += [(run[0], growing.pop(run), run[1], row)]
         for run in runs - growing.keys():
             growing[run] = row
     return np.array(found, dtype=np.int64).reshape(-1, 4)
@@ -38,65 +41,78 @@ def _runs(line: Mask) -> list[tuple[int, int]]:
 
 
 def components(free: Mask) -> NDArray[np.int64]:
-    """Number the parts of the free cells that hang together over edges: [rows, columns], -1 elsewhere."""
+    """Label the parts of the free cells that hang together over edges: [rows, columns], -1 elsewhere."""
     label = np.full(free.shape, -1, dtype=np.int64)
     count = 0
-    for row, column in np.argwhere(free):
-        if label[row, column] < 0:
-            reached = _layers(free, [(int(row), int(column))]) >= 0
-            label[reached] = count
+    for cell in _cells(free):
+        if label[cell] < 0:
+            for reached in _walk(free, [cell]):
+                label[reached] = count
             count += 1
     return label
 
 
 def tunnel_length(tunnel: Mask, free: Mask) -> int:
-    """Length of the longest tunnel along its axis, in cells; 0 without tunnel cells.
+    """Length of the longest tunnel along its axis, in cells; 0 without one.
 
-    Counted in layers of cells from one mouth, where the tunnel touches other free cells; so a wide
+    Counted in layers of cells from a mouth, where the tunnel touches other free cells; so a wide
     tunnel counts once, and a bend counts along the middle.
     """
+    mouths = _beside(free & ~tunnel) & tunnel
     longest = 0
-    mouths = components(_touching(free & ~tunnel) & tunnel)
-    for mouth in range(int(mouths.max(initial=-1)) + 1):
-        begin = [(int(row), int(column)) for row, column in np.argwhere(mouths == mouth)]
-        longest = max(longest, int(_layers(tunnel, begin).max()) + 1)
+    seen: set[Cell] = set()
+    for cell in _cells(mouths):
+        if cell in seen:
+            continue
+        steps = _walk(tunnel, list(_walk(mouths, [cell])))
+        seen.update(steps)
+        farthest = [end for end in steps if mouths[end]][-1]
+        steps = _walk(tunnel, list(_walk(mouths, [farthest])))
+        longest = max(longest, max(steps.values()) + 1)
     return longest
 
 
-def _touching(mask: Mask) -> Mask:
+def passage(free: Mask, home: Mask, source: Mask, cells: int) -> Mask:
+    """Find the cells that a free square of `cells` x `cells` covers on its ways from home to the source."""
+    covered = np.zeros_like(free)
+    if cells > min(free.shape):
+        return covered
+    windows = [sliding_window_view(mask, (cells, cells)) for mask in (free, home, source)]
+    label = components(np.asarray(windows[0].all(axis=(2, 3))))
+    at_home, at_source = (np.unique(label[window.any(axis=(2, 3))]) for window in windows[1:])
+    joined = np.intersect1d(at_home, at_source)
+    passing = np.isin(label, joined[joined >= 0])
+    rows, columns = passing.shape
+    for row in range(cells):
+        for column in range(cells):
+            covered[row : row + rows, column : column + columns] |= passing
+    return covered
+
+
+def _beside(mask: Mask) -> Mask:
     wide = np.pad(mask, 1)
-    touching: Mask = wide[2:, 1:-1] | wide[:-2, 1:-1] | wide[1:-1, 2:] | wide[1:-1, :-2]
-    return touching
+    beside: Mask = wide[2:, 1:-1] | wide[:-2, 1:-1] | wide[1:-1, 2:] | wide[1:-1, :-2]
+    return beside
 
 
-def _layers(free: Mask, begin: list[tuple[int, int]]) -> NDArray[np.int64]:
-    """Steps over edges from the nearest cell of `begin`; -1 where no way leads."""
-    steps = np.full(free.shape, -1, dtype=np.int64)
+def _cells(mask: Mask) -> list[Cell]:
+    return [(int(row), int(column)) for row, column in np.argwhere(mask)]
+
+
+def _walk(free: Mask, begin: list[Cell]) -> dict[Cell, int]:
+    """Count steps over edges from the nearest cell of `begin` to each cell in reach, nearest first."""
+    steps = dict.fromkeys(begin, 0)
     queue = deque(begin)
-    for cell in begin:
-        steps[cell] = 0
     rows, columns = free.shape
     while queue:
         row, column = queue.popleft()
         for down, right in _STEPS:
-            r, c = row + down, column + right
-            if 0 <= r < rows and 0 <= c < columns and free[r, c] and steps[r, c] < 0:
-                steps[r, c] = steps[row, column] + 1
-                queue.append((r, c))
+            cell = row + down, column + right
+            inside = 0 <= cell[0] < rows and 0 <= cell[1] < columns
+            if inside and cell not in steps and free[cell]:
+                steps[cell] = steps[row, column] + 1
+                queue.append(cell)
     return steps
-
-
-def wide_enough(free: Mask, cells: int) -> Mask:
-    """The cells that a free square of `cells` x `cells` covers: where so wide a thing can be."""
-    rows, columns = free.shape
-    if cells > rows or cells > columns:
-        return np.zeros_like(free)
-    fits = np.lib.stride_tricks.sliding_window_view(free, (cells, cells)).all(axis=(2, 3))
-    covered = np.zeros_like(free)
-    for row in range(cells):
-        for column in range(cells):
-            covered[row : row + fits.shape[0], column : column + fits.shape[1]] |= fits
-    return covered
 
 
 def disc_places(
@@ -137,7 +153,7 @@ def _between(sorted_values: NDArray[np.float64], low: float, high: float) -> NDA
 
 
 def _zone_ends_at_wall(zone: Mask, wall: Mask, axis: int) -> tuple[bool, bool]:
-    lines = zone.any(axis=axis).nonzero()[0]
+    lines = np.flatnonzero(zone.any(axis=axis))
     walls = np.moveaxis(wall, 1 - axis, 0)
     zones = np.moveaxis(zone, 1 - axis, 0)
     first, last = int(lines[0]), int(lines[-1])

@@ -61,4 +61,4 @@ def _read(path: Path) -> str:
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8 text; an arena file must be UTF-8.") from None
+        raise InputError(f"{path}: byte {error.start} is not UTF-8, as an arena file must be.") from None

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.distance import DistanceField
-from robosim.arena.geometry import tunnel_length
 from robosim.robot.sheet import RobotSheet
 
 
@@ -113,6 +112,8 @@ class Arena:
     """[n, 4] rectangles (x0, y0, x1, y1) in m that cover the wall cells exactly, without overlap."""
     distances: DistanceField
     """Geodesic distances to home and to the source at any point."""
+    tunnel_length: int
+    """Length of the longest tunnel along its axis, in cells (L of the density n / L); 0 without one."""
     capacity: int
     """The most robots that fit at the start."""
     start_places: NDArray[np.float64]
@@ -127,18 +128,15 @@ class Arena:
 
     @property
     def rows(self) -> int:
+        """Cells from bottom to top."""
         return int(self.zones.shape[0])
 
     @property
     def columns(self) -> int:
+        """Cells from left to right."""
         return int(self.zones.shape[1])
 
     @property
     def size(self) -> tuple[float, float]:
         """(width, height), m."""
         return self.columns * self.cell_size, self.rows * self.cell_size
-
-    @property
-    def tunnel_length(self) -> int:
-        """Length of the longest tunnel along its axis, in cells (L of the density n / L); 0 without one."""
-        return tunnel_length(self.zones == Zone.TUNNEL, self.zones != Zone.WALL)

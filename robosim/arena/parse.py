@@ -3,65 +3,164 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from robosim.arena import checks
 from robosim.arena.distance import distance_field
-from robosim.arena.geometry import disc_places, rectangles
-from robosim.arena.model import (
-    ZONE_OF_CHARACTER,
-    Arena,
-    PelletSheet,
-    Randomisation,
-    Start,
-    Timing,
-    Zone,
-)
-from robosim.arena.schema import ArenaFile
+from robosim.arena.geometry import disc_places, passage, rectangles, tunnel_length
+from robosim.arena.model import ZONE_OF_CHARACTER, Arena, PelletSheet, Randomisation, Start, Timing, Zone
+from robosim.arena.schema import ArenaFile, mistake
 from robosim.errors import InputError
 from robosim.robot.sheet import RobotSheet
 
+_APART = 2.06
+"""Least distance of start places and of pellet places, in radii."""
+_CLEAR = 1.03
+"""Least distance of their centres from walls, in radii."""
+_MOST_STARTS = 1000
+_MOST_PELLET_PLACES = 5000
+
+Zones = NDArray[np.uint8]
+Places = NDArray[np.float64]
+
 
 def parse_arena(text: str, file: str) -> Arena:
-    """Check an arena file's text; `file` is the name that messages use."""
+    """Check an arena file's text; `file` is the name that messages use.
+
+    Raises InputError with one sentence per mistake, one on each line.
+    """
+    table = _toml(text, file)
+    values, mistakes = _values(table)
+    zones, found = _drawn(table.get("map"))
+    mistakes += found
+    sheets = None if values is None else _sheets(values)
+    if sheets is not None:
+        mistakes += _sheet_mistakes(sheets)
+    if values is None or sheets is None or zones is None:
+        raise _refusal(file, mistakes)
+    starts, pellets, found = _places(zones, values.cell_size, sheets)
+    mistakes += found
+    if mistakes:
+        raise _refusal(file, mistakes)
+    return _assembled(values, sheets, zones, starts, pellets, text, file)
+
+
+def _refusal(file: str, mistakes: list[str]) -> InputError:
+    return InputError("\n".join(f"{file}: {sentence}" for sentence in mistakes))
+
+
+def _toml(text: str, file: str) -> dict[str, Any]:
     try:
-        data = ArenaFile.model_validate(tomllib.loads(text))
-    except (ValueError, ValidationError) as error:
-        raise InputError(f"{file}: {error}") from None
-    lines = data.map.strip("\n").split("\n")
-    zones = np.array([[ZONE_OF_CHARACTER[c] for c in line] for line in reversed(lines)], dtype=np.uint8)
-    robot = RobotSheet(**data.robot.model_dump())
-    pellets = PelletSheet(**data.pellets.model_dump())
-    c = data.cell_size
-    wall = zones == Zone.WALL
-    start = Start(Zone[data.start.zone.upper()], tuple((p[0], p[1], p[2]) for p in data.start.poses))
-    r = robot.outer_radius
-    if start.poses:
-        start_places = np.array(start.poses)[:, :2]
-    else:
-        start_places = disc_places(zones == start.zone, wall, c, 1.02 * r, 2.05 * r, 1000)
-    pellet_places = disc_places(
-        zones == Zone.SOURCE, wall, c, 1.02 * pellets.radius, 2.05 * pellets.radius, 10_000
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{file}: this is not TOML: {reason}.") from None
+
+
+def _values(table: dict[str, Any]) -> tuple[ArenaFile | None, list[str]]:
+    try:
+        return ArenaFile.model_validate(table), []
+    except ValidationError as error:
+        # Parts of one list give the same sentence; it is said once.
+        return None, list(dict.fromkeys(mistake(each, table) for each in error.errors()))
+
+
+def _drawn(drawing: object) -> tuple[Zones | None, list[str]]:
+    """Zones [rows, columns] of a map in text, or what is wrong with it."""
+    if not isinstance(drawing, str):
+        return None, []
+    lines = drawing.strip("\n").split("\n")
+    mistakes = list(checks.drawing_mistakes(lines))
+    if mistakes:
+        return None, mistakes
+    codes = [[ZONE_OF_CHARACTER[character] for character in line] for line in reversed(lines)]
+    zones = np.array(codes, dtype=np.uint8)
+    mistakes = list(checks.way_mistakes(zones))
+    return (None if mistakes else zones), mistakes
+
+
+@dataclass(frozen=True, slots=True)
+class _Sheets:
+    robot: RobotSheet
+    pellets: PelletSheet
+    timing: Timing
+    start: Start
+    randomisation: Randomisation
+
+
+def _sheets(values: ArenaFile) -> _Sheets:
+    ranges = values.randomisation.model_dump()
+    return _Sheets(
+        robot=RobotSheet(**values.robot.model_dump()),
+        pellets=PelletSheet(**values.pellets.model_dump()),
+        timing=Timing(**values.timing.model_dump()),
+        start=Start(
+            Zone[values.start.zone.upper()], tuple((x, y, turn) for x, y, turn in values.start.poses)
+        ),
+        randomisation=Randomisation(**{name: (low, high) for name, (low, high) in ranges.items()}),
     )
-    walls = rectangles(wall) * c
-    zones.setflags(write=False)
+
+
+def _sheet_mistakes(sheets: _Sheets) -> list[str]:
+    return [
+        *checks.robot_mistakes(sheets.robot),
+        *checks.timing_mistakes(sheets.timing),
+        *checks.randomisation_mistakes(sheets.randomisation),
+        *checks.substep_mistakes(sheets.robot, sheets.pellets, sheets.timing, sheets.randomisation),
+    ]
+
+
+def _places(zones: Zones, cell_size: float, sheets: _Sheets) -> tuple[Places, Places, list[str]]:
+    """Start places and pellet places, and what does not fit."""
+    robot, start, radius = sheets.robot, sheets.start, sheets.pellets.radius
+    mistakes = list(checks.passage_mistakes(robot, zones, cell_size))
+    if mistakes:
+        return np.zeros((0, 2)), np.zeros((0, 2)), mistakes
+    wall, source = zones == Zone.WALL, zones == Zone.SOURCE
+    passable = passage(~wall, zones == Zone.HOME, source, checks.cells_wide(robot, cell_size))
+    if start.poses:
+        starts = np.array(start.poses)[:, :2]
+        mistakes += checks.pose_mistakes(start, robot, wall, passable, cell_size)
+    else:
+        outer = robot.outer_radius
+        starts = disc_places(
+            (zones == start.zone) & passable, wall, cell_size, _CLEAR * outer, _APART * outer, _MOST_STARTS
+        )
+    pellets = disc_places(
+        source & passable, wall, cell_size, _CLEAR * radius, _APART * radius, _MOST_PELLET_PLACES
+    )
+    mistakes += checks.room_mistakes(robot, sheets.pellets, start, len(starts), len(pellets))
+    return starts, pellets, mistakes
+
+
+def _assembled(
+    values: ArenaFile, sheets: _Sheets, zones: Zones, starts: Places, pellets: Places, text: str, file: str
+) -> Arena:
+    wall = zones == Zone.WALL
+    walls = np.asarray(rectangles(wall) * values.cell_size, dtype=np.float64)
+    for array in (zones, walls, starts, pellets):
+        array.setflags(write=False)
     return Arena(
-        name=data.name,
-        description=data.description,
+        name=values.name,
+        description=values.description,
         file=file,
         text=text,
         zones=zones,
-        cell_size=c,
+        cell_size=values.cell_size,
         walls=walls,
-        distances=distance_field(~wall, zones == Zone.HOME, zones == Zone.SOURCE, c),
-        capacity=len(start_places),
-        start_places=start_places,
-        pellet_places=pellet_places,
-        robot=robot,
-        pellets=pellets,
-        timing=Timing(**data.timing.model_dump()),
-        start=start,
-        randomisation=Randomisation(**{k: (v[0], v[1]) for k, v in data.randomisation.model_dump().items()}),
+        distances=distance_field(~wall, zones == Zone.HOME, zones == Zone.SOURCE, values.cell_size),
+        tunnel_length=tunnel_length(zones == Zone.TUNNEL, ~wall),
+        capacity=len(starts),
+        start_places=starts,
+        pellet_places=pellets,
+        robot=sheets.robot,
+        pellets=sheets.pellets,
+        timing=sheets.timing,
+        start=sheets.start,
+        randomisation=sheets.randomisation,
     )

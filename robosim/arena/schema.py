@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
+import json
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import ErrorDetails
 
-from robosim.arena.model import PelletSheet, Randomisation, Start, Timing
+from robosim.arena.model import PelletSheet, Timing
 from robosim.errors import nearest_names
 from robosim.robot.sheet import BodyShape, RobotSheet
 
 _ROBOT, _PELLETS, _TIMING = RobotSheet(), PelletSheet(), Timing()
 
-Factor = Annotated[float, Field(ge=0.1, le=10.0)]
-FactorRange = Annotated[list[Factor], Field(min_length=2, max_length=2)]
-Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
-Pose = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
+Table = dict[str, Any]
+_Factor = Annotated[float, Field(ge=0.1, le=10.0)]
+FactorRange = Annotated[list[_Factor], Field(min_length=2, max_length=2)]
+_Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+Pose = Annotated[list[_Coordinate], Field(min_length=3, max_length=3)]
+
+
+def _number(default: float, low: float, high: float, unit: str = "") -> Any:
+    return Field(default, ge=low, le=high, description=f"a number from {low:g} to {high:g} {unit}".rstrip())
+
+
+def _count(default: int, low: int, high: int) -> Any:
+    return Field(default, ge=low, le=high, description=f"a whole number from {low} to {high}")
+
+
+def _factors() -> Any:
+    return Field([1.0, 1.0], description="two factors [low, high], each a number from 0.1 to 10")
 
 
 class _Strict(BaseModel):
@@ -25,67 +38,123 @@ class _Strict(BaseModel):
 
 
 class RobotSection(_Strict):
-    """[robot]"""
+    """The table [robot]."""
 
-    shape: BodyShape = _ROBOT.shape
-    length: float = Field(_ROBOT.length, ge=0.01, le=2.0)
-    width: float = Field(_ROBOT.width, ge=0.01, le=2.0)
-    mass: float = Field(_ROBOT.mass, ge=0.01, le=100.0)
-    wheel_radius: float = Field(_ROBOT.wheel_radius, ge=0.001, le=0.5)
-    wheel_base: float = Field(_ROBOT.wheel_base, ge=0.005, le=2.0)
-    max_wheel_speed: float = Field(_ROBOT.max_wheel_speed, ge=0.1, le=1000.0)
-    max_wheel_acceleration: float = Field(_ROBOT.max_wheel_acceleration, ge=0.1, le=100_000.0)
-    traction: float = Field(_ROBOT.traction, ge=0.01, le=5.0)
-    friction: float = Field(_ROBOT.friction, ge=0.0, le=5.0)
-    gripper_reach: float = Field(_ROBOT.gripper_reach, ge=0.001, le=0.5)
-    grip_force: float = Field(_ROBOT.grip_force, ge=0.001, le=1000.0)
+    shape: BodyShape = Field(default=_ROBOT.shape, description='"circle", "capsule" or "box"')
+    length: float = _number(_ROBOT.length, 0.01, 2, "m")
+    width: float = _number(_ROBOT.width, 0.01, 2, "m")
+    mass: float = _number(_ROBOT.mass, 0.01, 100, "kg")
+    wheel_radius: float = _number(_ROBOT.wheel_radius, 0.001, 0.5, "m")
+    wheel_base: float = _number(_ROBOT.wheel_base, 0.005, 2, "m")
+    max_wheel_speed: float = _number(_ROBOT.max_wheel_speed, 0.1, 1000, "rad/s")
+    max_wheel_acceleration: float = _number(_ROBOT.max_wheel_acceleration, 0.1, 100_000, "rad/s^2")
+    traction: float = _number(_ROBOT.traction, 0.01, 5)
+    friction: float = _number(_ROBOT.friction, 0, 5)
+    gripper_reach: float = _number(_ROBOT.gripper_reach, 0.001, 0.5, "m")
+    grip_force: float = _number(_ROBOT.grip_force, 0.001, 1000, "N")
 
 
 class PelletSection(_Strict):
-    """[pellets]"""
+    """The table [pellets]."""
 
-    count: int = Field(_PELLETS.count, ge=1, le=2000)
-    radius: float = Field(_PELLETS.radius, ge=0.002, le=0.5)
-    mass: float = Field(_PELLETS.mass, ge=0.0001, le=10.0)
-    friction: float = Field(_PELLETS.friction, ge=0.0, le=5.0)
-    cohesion: float = Field(_PELLETS.cohesion, ge=0.0, le=100.0)
+    count: int = _count(_PELLETS.count, 1, 2000)
+    radius: float = _number(_PELLETS.radius, 0.002, 0.5, "m")
+    mass: float = _number(_PELLETS.mass, 0.0001, 10, "kg")
+    friction: float = _number(_PELLETS.friction, 0, 5)
+    cohesion: float = _number(_PELLETS.cohesion, 0, 100, "N")
 
 
 class TimingSection(_Strict):
-    """[timing]"""
+    """The table [timing]."""
 
-    decision_period: float = Field(_TIMING.decision_period, ge=0.01, le=10.0)
-    control_period: float = Field(_TIMING.control_period, ge=0.001, le=1.0)
-    substeps: int = Field(_TIMING.substeps, ge=1, le=200)
-    episode_steps: int = Field(_TIMING.episode_steps, ge=1, le=1_000_000)
+    decision_period: float = _number(_TIMING.decision_period, 0.01, 10, "s")
+    control_period: float = _number(_TIMING.control_period, 0.001, 1, "s")
+    substeps: int = _count(_TIMING.substeps, 1, 200)
+    episode_steps: int = _count(_TIMING.episode_steps, 1, 1_000_000)
 
 
 class StartSection(_Strict):
-    """[start]"""
+    """The table [start]."""
 
-    zone: Literal["home", "floor", "source", "tunnel"] = "home"
-    poses: list[Pose] = Field([], max_length=500)
+    zone: Literal["home", "floor", "tunnel"] = Field(
+        default="home", description='"home", "floor" or "tunnel"'
+    )
+    poses: list[Pose] = Field(
+        default=[],
+        max_length=500,
+        description="at most 500 poses [x m, y m, heading rad], three numbers each",
+    )
 
 
 class RandomisationSection(_Strict):
-    """[randomisation]"""
+    """The table [randomisation]."""
 
-    robot_mass: FactorRange = [1.0, 1.0]
-    traction: FactorRange = [1.0, 1.0]
-    wheel_speed: FactorRange = [1.0, 1.0]
-    pellet_mass: FactorRange = [1.0, 1.0]
-    pellet_friction: FactorRange = [1.0, 1.0]
+    robot_mass: FactorRange = _factors()
+    traction: FactorRange = _factors()
+    wheel_speed: FactorRange = _factors()
+    pellet_mass: FactorRange = _factors()
+    pellet_friction: FactorRange = _factors()
 
 
 class ArenaFile(_Strict):
     """A whole arena file."""
 
-    name: str = Field(min_length=1, max_length=60)
-    description: str = Field("", max_length=2000)
-    cell_size: float = Field(ge=0.01, le=2.0)
-    map: str = Field(min_length=1, max_length=200_000)
-    robot: RobotSection = RobotSection()
-    pellets: PelletSection = PelletSection()
-    timing: TimingSection = TimingSection()
-    start: StartSection = StartSection()
-    randomisation: RandomisationSection = RandomisationSection()
+    name: str = Field(
+        min_length=1,
+        max_length=60,
+        pattern=r"^\w[\w .-]*$",
+        description="1 to 60 letters, digits, spaces, dots, dashes or underscores",
+    )
+    description: str = Field(
+        "", max_length=2000, pattern=r"^(?:[^\p{Cc}]|\n)*$", description="at most 2000 printable characters"
+    )
+    cell_size: float = Field(ge=0.01, le=2.0, description="a number from 0.01 to 2 m")
+    map: str = Field(description="the map as text, one character a cell")
+    robot: RobotSection = Field(RobotSection(), description="a table")
+    pellets: PelletSection = Field(PelletSection(), description="a table")
+    timing: TimingSection = Field(TimingSection(), description="a table")
+    start: StartSection = Field(StartSection(), description="a table")
+    randomisation: RandomisationSection = Field(RandomisationSection(), description="a table")
+
+
+def mistake(error: ErrorDetails, data: Table) -> str:
+    """Turn one of pydantic's errors into our sentence, without the file's name.
+
+    Parts of a list are reported as their list, so one sentence may come up more than once.
+    """
+    keys = [part for part in error["loc"] if isinstance(part, str)]
+    model: type[BaseModel] = ArenaFile
+    for key in keys[:-1]:
+        model = _section(model, key)
+    place = ".".join(key if key.isidentifier() else json.dumps(key) for key in keys)
+    if error["type"] == "extra_forbidden":
+        return f"{place} is not a key of an arena file: {nearest_names(keys[-1], model.model_fields)}"
+    allowed = model.model_fields[keys[-1]].description
+    if error["type"] == "missing":
+        return f"{place} is missing; it must be {allowed}."
+    value: Any = data
+    for key in keys:
+        value = value[key]
+    return f"{place} is {shown(value)}, but must be {allowed}."
+
+
+def shown(value: object) -> str:
+    """Write a value as an arena file would, in one line and not too long."""
+    if isinstance(value, str | bool):
+        text = json.dumps(value)
+    elif isinstance(value, list):
+        text = "[" + ", ".join(shown(part) for part in value[:9]) + (", ..." if len(value) > 9 else "") + "]"
+    elif isinstance(value, dict):
+        text = "a table"
+    elif isinstance(value, int) and abs(value) > 10**30:
+        text = "a whole number of more than 30 digits"
+    else:
+        text = str(value)
+    return text if len(text) <= 80 else text[:76] + " ..."
+
+
+def _section(model: type[BaseModel], key: str) -> type[BaseModel]:
+    section = model.model_fields[key].annotation
+    assert isinstance(section, type)  # noqa: S101  the file's tables are models, one each
+    assert issubclass(section, BaseModel)  # noqa: S101
+    return section

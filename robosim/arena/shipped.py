@@ -18,4 +18,6 @@ def shipped_folder(kind: str) -> Path:
     for place in places:
         if place.is_dir():
             return place
-    raise InputError(f"This installation of robosim has no folder {kind!r} (looked in {places[0]} and {places[1]}).")
+    raise InputError(
+        f"robosim was installed without its {kind}: neither {places[0]} nor {places[1]} is there."
+    )
