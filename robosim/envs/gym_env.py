@@ -1,0 +1,95 @@
+"""The Gymnasium face: one robot learns among others that follow a script or a trained policy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Unpack
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+from numpy.typing import NDArray
+
+from robosim.arena.model import Arena
+from robosim.control.controller import Controller, make_controller
+from robosim.envs.actions import checked_action
+from robosim.envs.options import EnvOptions
+from robosim.envs.render import Painter, checked_render_mode
+from robosim.envs.vector import VectorEnv
+from robosim.errors import InputError
+
+Observation = NDArray[np.float32]
+
+
+class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
+    """`robosim/Excavation-v0`: the first robot of a team is yours, `others` drives the rest.
+
+    `others` is the name of a scripted controller, the name or folder of a trained policy, or a
+    controller. Options are those of `EnvOptions`, but here the reward is `local` unless you say
+    otherwise: what others deliver tells one learner little of its own actions. Episodes end by
+    truncation after `episode_steps` decisions. The info has the pellets `delivered` by your robot and
+    by the team (`team_delivered`) so far. Wrong input raises InputError.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(
+        self,
+        arena: str | Path | Arena = "paper",
+        robots: int = 4,
+        *,
+        others: str | Path | Controller = "lanes",
+        render_mode: str | None = None,
+        **options: Unpack[EnvOptions],
+    ) -> None:
+        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        options.setdefault("reward", "local")
+        self._batch = VectorEnv(arena, robots=robots, num_envs=1, autoreset=False, **options)
+        self._others = make_controller(others) if isinstance(others, str | Path) else others
+        layout = self._batch.layout
+        self.observation_space = Box(layout.low, layout.high, dtype=np.float32)
+        self.action_space = Discrete(self._batch.num_actions)
+        self._observation = np.zeros((1, robots, layout.size), dtype=np.float32)
+        self._under_way = False
+        self._painter = Painter(self._batch.arena)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode; with a `seed` the same one every time. `options` are ignored."""
+        super().reset(seed=seed)
+        self._observation = self._batch.reset(seed)
+        self._others.reset(self._batch)
+        self._under_way = True
+        return self._observation[0, 0].copy(), self._info()
+
+    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Take one decision: `action` for your robot, the controller's for the others."""
+        if not self._under_way:
+            raise InputError("step: no episode is under way; call reset first.")
+        own = checked_action("step: the action", action, self._batch.num_actions)
+        actions = self._others.act(self._batch, self._observation)
+        actions[0, 0] = own
+        transition = self._batch.step(actions)
+        self._observation = transition.final_observation
+        ended = bool(transition.truncated[0])
+        self._under_way = not ended
+        return (
+            self._observation[0, 0].copy(),
+            float(transition.reward[0, 0]),
+            bool(transition.terminated[0]),
+            ended,
+            self._info(),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture [height, width, 3] with render_mode="rgb_array", None without."""
+        if self.render_mode is None:
+            return None
+        if self._batch.episode < 0:
+            raise InputError("render: no episode has begun; call reset first.")
+        return self._painter.draw(self._batch.frame())
+
+    def _info(self) -> dict[str, Any]:
+        delivered = self._batch.delivered[0]
+        return {"delivered": int(delivered[0]), "team_delivered": int(delivered.sum())}

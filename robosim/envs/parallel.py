@@ -1,0 +1,137 @@
+"""The PettingZoo face: all robots act at once, each with its own observation and reward."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Unpack
+
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from robosim.arena.model import Arena
+from robosim.envs.actions import checked_action
+from robosim.envs.options import EnvOptions
+from robosim.envs.render import Painter, checked_render_mode
+from robosim.envs.vector import VectorEnv
+from robosim.errors import InputError
+
+Observations = dict[str, NDArray[np.float32]]
+Infos = dict[str, dict[str, Any]]
+
+
+class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships no types
+    """A team of excavating robots as a PettingZoo ParallelEnv; agents are `robot_0`, `robot_1` ...
+
+    `robosim.parallel_env(arena, robots=4, ...)` makes one. Options are those of `EnvOptions`. Every
+    agent acts in every step, with an integer from 0 to 4; all agents end together, by truncation
+    after `episode_steps` decisions. Each info has the pellets `delivered` by the robot so far.
+    Wrong input raises InputError.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"name": "robosim_excavation_v0", "render_modes": ["rgb_array"]}
+
+    def __init__(
+        self,
+        arena: str | Path | Arena = "paper",
+        robots: int = 4,
+        *,
+        render_mode: str | None = None,
+        **options: Unpack[EnvOptions],
+    ) -> None:
+        self.render_mode = checked_render_mode(render_mode, self.metadata)
+        self._batch = VectorEnv(arena, robots=robots, num_envs=1, autoreset=False, **options)
+        layout = self._batch.layout
+        self.possible_agents = [f"robot_{robot}" for robot in range(robots)]
+        self.agents: list[str] = []
+        self.observation_spaces = {
+            agent: Box(layout.low, layout.high, dtype=np.float32) for agent in self.possible_agents
+        }
+        self.action_spaces = {agent: Discrete(self._batch.num_actions) for agent in self.possible_agents}
+        self.state_space = Box(np.tile(layout.low, robots), np.tile(layout.high, robots), dtype=np.float32)
+        self._observation = np.zeros((robots, layout.size), dtype=np.float32)
+        self._painter = Painter(self._batch.arena)
+
+    def observation_space(self, agent: str) -> Box:
+        return self.observation_spaces[self._known(agent)]
+
+    def action_space(self, agent: str) -> Discrete[np.int64]:
+        return self.action_spaces[self._known(agent)]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, Infos]:
+        """Begin an episode; with a `seed` the same one every time. `options` are ignored."""
+        self._observation = self._batch.reset(seed)[0]
+        self.agents = self.possible_agents[:]
+        return self._by_agent(self._observation), self._infos()
+
+    def step(
+        self, actions: Mapping[str, int]
+    ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
+        """Take one decision; returns observations, rewards, terminations, truncations and infos by agent."""
+        if not self.agents:
+            raise InputError("step: no episode is under way; call reset first.")
+        transition = self._batch.step(self._checked(actions)[None])
+        self._observation = transition.final_observation[0]
+        team = self.agents
+        ended = bool(transition.truncated[0])
+        if ended:
+            self.agents = []
+        return (
+            self._by_agent(self._observation),
+            dict(zip(team, transition.reward[0].tolist(), strict=True)),
+            dict.fromkeys(team, bool(transition.terminated[0])),
+            dict.fromkeys(team, ended),
+            self._infos(),
+        )
+
+    def state(self) -> NDArray[np.float32]:
+        """Return all robots' observations in one array [robots * size], for central critics."""
+        return self._observation.flatten()
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture [height, width, 3] with render_mode="rgb_array", None without."""
+        if self.render_mode is None:
+            return None
+        if self._batch.episode < 0:
+            raise InputError("render: no episode has begun; call reset first.")
+        return self._painter.draw(self._batch.frame())
+
+    def close(self) -> None:
+        """Do nothing: there is no window and no file to close."""
+
+    def _checked(self, actions: Mapping[str, int]) -> NDArray[np.int64]:
+        if not isinstance(actions, Mapping):
+            raise InputError(
+                f"step: actions must be a dict of one action for each agent, not {type(actions).__name__}."
+            )
+        missing = [agent for agent in self.agents if agent not in actions]
+        if missing:
+            raise InputError(f"step: the actions of {', '.join(missing)} are missing; every agent acts.")
+        for agent in actions:
+            self._known(agent)
+        return np.array(
+            [
+                checked_action(f"step: the action of {agent}", actions[agent], self._batch.num_actions)
+                for agent in self.agents
+            ]
+        )
+
+    def _known(self, agent: str) -> str:
+        if agent not in self.action_spaces:
+            raise InputError(f"agent {agent!r} is unknown; agents are {', '.join(self.possible_agents)}.")
+        return agent
+
+    def _by_agent(self, observation: NDArray[np.float32]) -> Observations:
+        return {agent: row.copy() for agent, row in zip(self.possible_agents, observation, strict=True)}
+
+    def _infos(self) -> Infos:
+        delivered = self._batch.delivered[0].tolist()
+        return {agent: {"delivered": n} for agent, n in zip(self.possible_agents, delivered, strict=True)}
+
+
+parallel_env = ParallelExcavation
+"""What PettingZoo's users call the constructor of a parallel environment."""

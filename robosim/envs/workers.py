@@ -1,0 +1,260 @@
+"""Environments split over processes, with the same numbers as in one."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import multiprocessing
+import signal
+import traceback
+import weakref
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, Self, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from robosim.arena.model import Arena
+from robosim.envs.frame import Frame
+from robosim.envs.options import EnvOptions
+from robosim.envs.vector import Transition, VectorEnv, _checked_actions
+from robosim.errors import InputError
+
+_PATIENCE = 5.0
+"""Time that a worker is given to end by itself, s."""
+
+
+def vector_env(
+    arena: str | Path | Arena,
+    *,
+    robots: int,
+    num_envs: int = 1,
+    seed: int | Sequence[int] = 0,
+    workers: int = 1,
+    **options: Unpack[EnvOptions],
+) -> VectorEnv | WorkerVectorEnv:
+    """Return a batch of environments: arrays [envs, robots, ...], each beginning anew by itself at its end.
+
+    With `workers` above 1 the environments are shared out to that many processes, with the same
+    numbers to the bit; use it as a context manager, or call close(). Raises InputError.
+    """
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
+        raise InputError(f"workers: {workers!r} is not allowed; allowed are 1 to num_envs = {num_envs}.")
+    if workers == 1:
+        return VectorEnv(arena, robots=robots, num_envs=num_envs, seed=seed, **options)
+    return WorkerVectorEnv(arena, robots=robots, num_envs=num_envs, seed=seed, workers=workers, **options)
+
+
+@dataclass(frozen=True)
+class _Failure:
+    """What a worker sends when something broke that is not the user's doing."""
+
+    traceback: str
+
+
+class WorkerVectorEnv:
+    """A `VectorEnv` whose environments live in other processes.
+
+    It has what learners use of a `VectorEnv`; scripted controllers look into the world and need a
+    `VectorEnv` itself. Processes are spawned, so a script needs its `if __name__ == "__main__":`.
+    """
+
+    def __init__(
+        self,
+        arena: str | Path | Arena,
+        *,
+        robots: int,
+        num_envs: int,
+        seed: int | Sequence[int] = 0,
+        workers: int,
+        **options: Unpack[EnvOptions],
+    ) -> None:
+        if workers > num_envs:
+            raise InputError(
+                f"vector_env: {workers} workers cannot share {num_envs} environments; use fewer."
+            )
+        # Wrong input is found here, before any process is spawned, in the words of VectorEnv.
+        sample = VectorEnv(arena, robots=robots, num_envs=num_envs, seed=seed, **options)
+        self._seeds_from = sample._seeds_from
+        self.arena = sample.arena
+        self.layout = sample.layout
+        self.num_actions = sample.num_actions
+        self.episode_steps = sample.episode_steps
+        self.num_envs = num_envs
+        self.robots = robots
+        context = multiprocessing.get_context("spawn")
+        kinds = _kinds(num_envs, robots, self.layout.size)
+        self._memory = {name: context.RawArray(ctypes.c_char, kind.itemsize) for name, kind in kinds.items()}
+        self._arrays = _arrays(self._memory, kinds)
+        bounds = np.linspace(0, num_envs, workers + 1).astype(int).tolist()
+        self._shares = [slice(first, last) for first, last in itertools.pairwise(bounds)]
+        self._pipes: list[Connection[Any, Any]] = []
+        self._processes: list[BaseProcess] = []
+        self._close = weakref.finalize(self, _end, self._pipes, self._processes)
+        for share in self._shares:
+            ours, theirs = context.Pipe()
+            own = dict(options, arena=self.arena, robots=robots, seed=sample.seeds[share])
+            process = context.Process(
+                target=_work, args=(theirs, self._memory, kinds, share, own), daemon=True
+            )
+            process.start()
+            theirs.close()
+            self._pipes.append(ours)
+            self._processes.append(process)
+        self._collect()
+
+    def reset(self, seed: int | Sequence[int] | None = None) -> NDArray[np.float32]:
+        """Begin an episode in every environment; returns the observations [envs, robots, size]."""
+        seeds = None if seed is None else self._seeds_from(seed)
+        for worker, share in enumerate(self._shares):
+            self._send(worker, ("reset", None if seeds is None else seeds[share]))
+        self._collect()
+        return self._copy("observation")
+
+    def step(self, actions: ArrayLike) -> Transition:
+        """Take one decision in every environment: `actions` is [envs, robots]."""
+        self._arrays["actions"][:] = _checked_actions(actions, (self.num_envs, self.robots))
+        for worker in range(len(self._shares)):
+            self._send(worker, ("step", None))
+        self._collect()
+        return Transition(**{name: self._copy(name) for name in Transition._fields})
+
+    @property
+    def delivered(self) -> NDArray[np.int64]:
+        """[envs, robots] pellets delivered by each robot in the current episode."""
+        return self._copy("delivered")
+
+    def frame(self, env: int = 0) -> Frame:
+        """Return what a recorder reads of one environment after reset() and after each step()."""
+        for worker, share in enumerate(self._shares):
+            if share.start <= env < share.stop:
+                self._send(worker, ("frame", env - share.start))
+                frame: Frame = self._receive(worker)
+                contacts = replace(frame.contacts, env=np.full_like(frame.contacts.env, env))
+                return replace(frame, contacts=contacts)
+        raise InputError(f"frame: env must be an integer from 0 to {self.num_envs - 1}, not {env!r}.")
+
+    def close(self) -> None:
+        """End the processes; nothing can be done with this object afterwards."""
+        self._close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _collect(self) -> None:
+        """Wait for every worker, so that no answer is left over; then raise what failed first."""
+        failures = []
+        for worker in range(len(self._shares)):
+            try:
+                self._receive(worker)
+            except (InputError, RuntimeError) as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
+
+    def _send(self, worker: int, message: tuple[str, object]) -> None:
+        if not self._close.alive:
+            raise InputError("vector_env: the environments are closed; make new ones.")
+        try:
+            self._pipes[worker].send(message)
+        except OSError:
+            raise self._died(worker) from None
+
+    def _receive(self, worker: int) -> Any:
+        try:
+            answer = self._pipes[worker].recv()
+        except (EOFError, OSError):
+            raise self._died(worker) from None
+        if isinstance(answer, InputError):
+            raise answer
+        if isinstance(answer, _Failure):
+            raise RuntimeError(f"worker {worker} of {len(self._shares)} failed:\n{answer.traceback}")
+        return answer
+
+    def _died(self, worker: int) -> RuntimeError:
+        process = self._processes[worker]
+        process.join(_PATIENCE)
+        code = process.exitcode
+        self.close()
+        return RuntimeError(f"worker {worker} of {len(self._shares)} ended unexpectedly, exit code {code}.")
+
+    def _copy(self, name: str) -> NDArray[Any]:
+        return self._arrays[name].copy()
+
+
+def _kinds(num_envs: int, robots: int, size: int) -> dict[str, np.dtype[Any]]:
+    """Return kind and shape of every array that the processes share; the first axis is the environment."""
+    each, per_robot, per_number = (num_envs,), (num_envs, robots), (num_envs, robots, size)
+    return {
+        "actions": np.dtype((np.int64, per_robot)),
+        "observation": np.dtype((np.float32, per_number)),
+        "reward": np.dtype((np.float32, per_robot)),
+        "terminated": np.dtype((np.bool_, each)),
+        "truncated": np.dtype((np.bool_, each)),
+        "final_observation": np.dtype((np.float32, per_number)),
+        "final_delivered": np.dtype((np.int64, per_robot)),
+        "delivered": np.dtype((np.int64, per_robot)),
+    }
+
+
+def _arrays(memory: dict[str, Any], kinds: dict[str, np.dtype[Any]]) -> dict[str, NDArray[Any]]:
+    return {
+        name: np.frombuffer(memory[name], dtype=kind.base).reshape(kind.shape) for name, kind in kinds.items()
+    }
+
+
+def _work(
+    pipe: Connection[Any, Any],
+    memory: dict[str, Any],
+    kinds: dict[str, np.dtype[Any]],
+    share: slice,
+    arguments: dict[str, Any],
+) -> None:
+    """Serve one share of the environments until the other end of the pipe closes."""
+    # Ctrl-C reaches the whole group of processes; who ends and when is the parent's to say.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    arrays = {name: array[share] for name, array in _arrays(memory, kinds).items()}
+    message: tuple[str, Any] = ("make", None)
+    env: VectorEnv | None = None
+    while True:
+        answer: object = None
+        try:
+            if env is None:
+                env = VectorEnv(num_envs=share.stop - share.start, **arguments)
+            command, argument = message
+            if command == "reset":
+                arrays["observation"][:] = env.reset(argument)
+            elif command == "step":
+                for name, value in env.step(arrays["actions"])._asdict().items():
+                    arrays[name][:] = value
+            elif command == "frame":
+                answer = env.frame(argument)
+            arrays["delivered"][:] = env.delivered
+        except InputError as error:
+            answer = error
+        except Exception:  # noqa: BLE001 - the parent raises it
+            answer = _Failure(traceback.format_exc())
+        try:
+            pipe.send(answer)
+            message = pipe.recv()
+        except (EOFError, OSError):
+            return
+
+
+def _end(pipes: list[Connection[Any, Any]], processes: list[BaseProcess]) -> None:
+    """Close the pipes, which ends the workers, and wait for them."""
+    for pipe in pipes:
+        pipe.close()
+    for process in processes:
+        process.join(_PATIENCE)
+        if process.is_alive():
+            process.kill()
+            process.join()
+        process.close()
