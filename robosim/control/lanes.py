@@ -1,0 +1,198 @@
+"""The lane keeper: a scripted controller with full knowledge of map and robots, our upper reference."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.arena.model import Arena, Zone
+from robosim.control.routes import INBOUND, OUTBOUND, Routes, plan_routes
+from robosim.envs.vector import VectorEnv
+from robosim.errors import InputError
+from robosim.robot.drivers import CARDINAL_STEPS, STOP
+from robosim.world.state import PelletStatus
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+KEEP_AHEAD = 0.25
+"""Gap kept to a robot ahead, in robot diameters."""
+SHOULDER = 0.9
+"""Half-width of the strip ahead that must be clear, in robot diameters."""
+PATIENCE = 8
+"""Decisions without motion after which a robot backs off."""
+BACK_OFF = 5
+"""Decisions for which it does."""
+REVERSE = np.array([1, 0, 3, 2, 4], dtype=np.int64)
+"""[5] the opposite of each cardinal action."""
+
+
+class LanesController:
+    """Right lane in, left lane out; yields to the robot ahead; takes turns in tunnels one robot wide; backs off when stuck."""
+
+    name = "lanes"
+
+    def __init__(self) -> None:
+        self._arena: Arena | None = None
+        self._routes: Routes
+
+    def reset(self, env: VectorEnv) -> None:
+        if env.layout.actions != "cardinal":
+            raise InputError(
+                f"lanes: drives by cardinal actions only, and the environment's actions are {env.layout.actions!r}."
+            )
+        if env.arena is not self._arena:
+            self._arena = env.arena
+            self._routes = plan_routes(env.arena)
+        shape = (env.num_envs, env.robots)
+        self._waited = np.zeros(shape, dtype=np.int64)
+        self._backing = np.zeros(shape, dtype=np.int64)
+        self._escape = np.zeros(shape, dtype=np.int64)
+        self._last = env.world.state.pose.copy()
+        self._gates = [[_Gate() for _ in range(self._routes.gates)] for _ in range(env.num_envs)]
+
+    def act(self, env: VectorEnv, observation: NDArray[np.float32]) -> Integers:
+        state, arena, routes = env.world.state, env.arena, self._routes
+        place = state.pose[..., :2]
+        cell = np.floor(place * (1.0 / arena.cell_size)).astype(np.int64) + 1
+        row, column = cell[..., 1], cell[..., 0]
+        heading_out = (state.held >= 0).astype(np.int64)
+        if routes.gates:
+            heading_out = self._follow_convoy(row, column, heading_out)
+        steps = CARDINAL_STEPS[:4]
+        cost = routes.cost[
+            heading_out[..., None], row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]
+        ]
+        here = routes.cost[heading_out, row, column]
+        blocked = self._blocked(env, place)
+        in_source = (routes.zones[row, column] == Zone.SOURCE) & (heading_out == INBOUND)
+        if in_source.any():
+            cost = np.where(in_source[..., None], self._toward_pellets(env, place, cost), cost)
+        wish = np.where(blocked, np.inf, cost)
+        best = cost.argmin(axis=2)
+        chosen = wish.argmin(axis=2)
+        open_way = np.take_along_axis(wish, chosen[..., None], axis=2)[..., 0]
+        # Around an obstacle sideways, never back: a queue waits.
+        action = np.where((open_way <= here) | (in_source & np.isfinite(open_way)), chosen, STOP)
+        if routes.gates:
+            self._hold_at_gates(row, column, heading_out, best, action)
+        return self._back_off(env, blocked, cost, best, action)
+
+    def _blocked(self, env: VectorEnv, place: Floats) -> Bools:
+        """Return which of the four ways are blocked by another robot close ahead, [envs, robots, 4]."""
+        sheet = env.arena.robot
+        width = 2.0 * sheet.outer_radius
+        apart = place[:, None, :, :] - place[:, :, None, :]
+        steps = CARDINAL_STEPS[:4].astype(np.float64)
+        along = apart[..., None, 0] * steps[:, 0] + apart[..., None, 1] * steps[:, 1]
+        across = np.abs(apart[..., None, 0] * steps[:, 1] - apart[..., None, 1] * steps[:, 0])
+        ahead = (along > 0.0) & (along < (1.0 + KEEP_AHEAD) * width + 2.0 * env.arena.pellets.radius)
+        return np.asarray((ahead & (across < SHOULDER * width)).any(axis=2))
+
+    def _toward_pellets(self, env: VectorEnv, place: Floats, cost: Floats) -> Floats:
+        """Return costs [envs, robots, 4] that lead to the nearest loose pellet outside the home."""
+        state = env.world.state
+        loose = state.pellet_status == PelletStatus.LOOSE
+        apart = state.pellets[:, None] - place[:, :, None]
+        squared = apart[..., 0] ** 2 + apart[..., 1] ** 2 + np.where(loose, 0.0, np.inf)[:, None]
+        nearest = squared.argmin(axis=2)
+        way = np.take_along_axis(apart, nearest[..., None, None], axis=2)[:, :, 0]
+        toward = way @ CARDINAL_STEPS[:4].T.astype(np.float64)
+        return np.where(np.isfinite(cost), -toward, np.inf)
+
+    def _back_off(self, env: VectorEnv, blocked: Bools, cost: Floats, best: Integers, action: Integers) -> Integers:
+        """Let robots that have stood still for long, and wanted to move, give way for some decisions."""
+        pose = env.world.state.pose
+        moved = np.abs(pose[..., :2] - self._last[..., :2]).sum(axis=2)
+        turned = np.abs(np.sin(0.5 * (pose[..., 2] - self._last[..., 2])))
+        self._last = pose.copy()
+        still = (moved < 0.1 * env.arena.robot.top_speed * env.arena.timing.decision_period) & (turned < 0.05)
+        held_back = still & (self._held_at_gate_mask(env, action) == 0)
+        self._waited = np.where(held_back, self._waited + 1, 0)
+        # Robots lose patience one after the other, or two that block each other would mirror each other.
+        patience = PATIENCE + 3 * np.arange(env.robots)
+        fed_up = (self._waited > patience) & (self._backing == 0)
+        if fed_up.any():
+            ways = np.where(blocked | ~np.isfinite(cost), -np.inf, cost)
+            retreat = ways.argmax(axis=2)
+            possible = np.isfinite(ways).any(axis=2)
+            self._escape = np.where(fed_up, np.where(possible, retreat, REVERSE[best]), self._escape)
+            self._backing = np.where(fed_up, BACK_OFF, self._backing)
+            self._waited = np.where(fed_up, 0, self._waited)
+        action = np.where(self._backing > 0, self._escape, action)
+        self._backing = np.maximum(self._backing - 1, 0)
+        return action.astype(np.int64)
+
+    def _held_at_gate_mask(self, env: VectorEnv, action: Integers) -> Integers:
+        """Return where robots wait for a gate: they are patient, [envs, robots]."""
+        if not self._routes.gates:
+            return np.zeros_like(action)
+        return self._waiting.astype(np.int64)
+
+    def _follow_convoy(self, row: Integers, column: Integers, heading_out: Integers) -> Integers:
+        """Inside a one-robot-wide tunnel everybody goes the way that is open, whatever they carry."""
+        heading = heading_out.copy()
+        inside = self._routes.gate[row, column]
+        for env, robot in np.argwhere(inside >= 0).tolist():
+            heading[env, robot] = self._gates[env][int(inside[env, robot])].direction
+        return heading
+
+    def _hold_at_gates(
+        self, row: Integers, column: Integers, heading_out: Integers, best: Integers, action: Integers
+    ) -> None:
+        """Stop the robots that would enter a one-robot-wide tunnel out of turn; changes `action`."""
+        routes = self._routes
+        step = CARDINAL_STEPS[best]
+        ahead_row, ahead_column = row + step[..., 1], column + step[..., 0]
+        inside = routes.gate[row, column]
+        near = np.maximum(routes.gate[ahead_row, ahead_column], routes.mouth[ahead_row, ahead_column])
+        coming = (inside < 0) & (near >= 0) & (routes.zones[row, column] != Zone.TUNNEL)
+        closer = (
+            routes.cost[heading_out, ahead_row, ahead_column] < routes.cost[heading_out, row, column]
+        )
+        # A robot that has just left the tunnel is near the mouth too, but its way leads off from it.
+        entering = coming & closer & (self._tunnel_ahead(row, column, heading_out))
+        self._waiting = np.zeros(action.shape, dtype=np.bool_)
+        for env, gates in enumerate(self._gates):
+            for number, gate in enumerate(gates):
+                in_tunnel = inside[env] == number
+                waiting = entering[env] & (near[env] == number)
+                demand = [int((waiting & (heading_out[env] == way)).sum()) for way in (INBOUND, OUTBOUND)]
+                gate.update(int(in_tunnel.sum()), demand, action.shape[1])
+                refused = waiting & ((heading_out[env] != gate.direction) | ~gate.open)
+                action[env, refused] = STOP
+                self._waiting[env] |= refused
+
+    def _tunnel_ahead(self, row: Integers, column: Integers, heading_out: Integers) -> Bools:
+        """Return whether a robot's goal lies beyond the tunnel: the source for inbound, the home for outbound ones."""
+        routes = self._routes
+        near_home = routes.cost[OUTBOUND, row, column] < routes.cost[INBOUND, row, column]
+        return np.asarray(np.where(heading_out == INBOUND, near_home, ~near_home))
+
+
+class _Gate:
+    """Right of way in a tunnel one robot wide: one direction at a time, taking turns."""
+
+    def __init__(self) -> None:
+        self.direction = INBOUND
+        self.open = True
+        self._inside = 0
+        self._admitted = 0
+
+    def update(self, inside: int, demand: list[int], robots: int) -> None:
+        """Take in how many robots are inside, and how many wait for each direction at the mouths."""
+        self._admitted += max(0, inside - self._inside)
+        self._inside = inside
+        other = 1 - self.direction
+        if demand[other] and (self._admitted >= math.ceil(robots / 2) or not demand[self.direction]):
+            self.open = False
+        if inside == 0 and (not self.open or not demand[self.direction]) and demand[other]:
+            self.direction = other
+            self.open = True
+            self._admitted = 0
+        elif inside == 0 and not demand[other]:
+            self.open = True
+            self._admitted = 0

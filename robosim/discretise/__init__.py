@@ -1,0 +1,1 @@
+"""From bodies to a Dec-POMDP: cells, modes, pheromones, observations and rewards, in batches."""

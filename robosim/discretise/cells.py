@@ -1,0 +1,63 @@
+"""Bodies on the grid: which cell a robot is in, and what lies around it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.arena.model import Arena, Zone
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+NEIGHBOURS = np.array(
+    [[0, 1], [0, -1], [-1, 0], [1, 0], [-1, 1], [1, 1], [-1, -1], [1, -1]], dtype=np.int64
+)
+"""[8, 2] steps (columns, rows) to the neighbouring cells: N, S, W, E, NW, NE, SW, SE."""
+
+
+class Grid:
+    """The arena's cells, with a border of walls `margin` cells wide, addressed by one flat index."""
+
+    def __init__(self, arena: Arena, margin: int) -> None:
+        self.margin = margin
+        self.cell_size = arena.cell_size
+        self.rows = arena.rows
+        self.columns = arena.columns
+        self.shape = (arena.rows + 2 * margin, arena.columns + 2 * margin)
+        zones = np.pad(arena.zones, margin, constant_values=int(Zone.WALL))
+        self.zones: NDArray[np.uint8] = zones.ravel()
+        """[cells] zone of every cell of the padded grid."""
+        self.free: NDArray[np.bool_] = zones != Zone.WALL
+        """[padded rows, padded columns]."""
+        self.size = int(zones.size)
+        self.tunnel_length = max(arena.tunnel_length, 1)
+        self._neighbours = self.flat_steps(NEIGHBOURS)
+
+    def flat_steps(self, steps: Integers) -> Integers:
+        """Return steps [n, 2] (columns, rows) as differences [n] of the flat index."""
+        return np.asarray(steps[:, 1] * self.shape[1] + steps[:, 0], dtype=np.int64)
+
+    def cell_coordinates(self, positions: Floats) -> Floats:
+        """Return positions [..., 2] in units of cells; the whole part is (column, row)."""
+        return positions * (1.0 / self.cell_size)
+
+    def flat_index(self, coordinates: Floats) -> Integers:
+        """Return the flat index of the cell for coordinates [..., 2] in units of cells."""
+        cells = coordinates.astype(np.int64)
+        cells += self.margin
+        return np.asarray(cells[..., 1] * self.shape[1] + cells[..., 0])
+
+    def free_neighbours(self, cell: Integers) -> NDArray[np.bool_]:
+        """Return whether each neighbour of cells [envs, robots] holds neither wall nor robot, [..., 8]."""
+        envs = cell.shape[0]
+        free = np.broadcast_to(self.free.ravel(), (envs, self.size)).copy()
+        rows = np.arange(envs)[:, None]
+        free[rows, cell] = False
+        around: Integers = cell[..., None] + self._neighbours
+        return np.asarray(free[rows[..., None], around])
+
+    def tunnel_density(self, cell: Integers) -> Floats:
+        """Return robots in the tunnel per cell of its length, n / L, for cells [envs, robots]; [envs]."""
+        inside = self.zones[cell] == Zone.TUNNEL
+        return np.asarray(np.count_nonzero(inside, axis=1) / self.tunnel_length)

@@ -1,0 +1,157 @@
+"""The Dec-POMDP of a batch of worlds: what is remembered between decisions, and what comes of each."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.arena.model import Arena
+from robosim.discretise.cells import Grid
+from robosim.discretise.modes import Mode, gripper_commands, modes
+from robosim.discretise.observation import ObservationLayout, OwnState, write_own_state
+from robosim.discretise.pheromone import PheromoneConfig, PheromoneMap
+from robosim.discretise.reward import RewardConfig, rewards
+from robosim.robot.drivers import STOP
+from robosim.world.state import WorldState
+
+BLOCKED_SHARE = 0.25
+"""A robot that touches something and makes less than this share of its free motion is blocked."""
+CLOSER_SHARE = 0.1
+"""Progress toward the goal that counts as closer, as a share of a decision's way at top speed."""
+
+
+class DecPomdp:
+    """Turns world states into modes, pheromones, observations and rewards, [envs, robots, ...]."""
+
+    def __init__(
+        self,
+        arena: Arena,
+        robots: int,
+        num_envs: int,
+        layout: ObservationLayout,
+        reward: RewardConfig,
+        pheromone: PheromoneConfig,
+    ) -> None:
+        shape = (num_envs, robots)
+        self.layout = layout
+        self._arena = arena
+        self._reward = reward
+        self.grid = Grid(arena, margin=max(pheromone.radius, 1))
+        self.pheromone = PheromoneMap(self.grid, num_envs, pheromone)
+        self.mode = np.zeros(shape, dtype=np.uint8)
+        """[envs, robots] without collisions."""
+        self.blocked = np.zeros(shape, dtype=np.bool_)
+        """[envs, robots] in Collision."""
+        self.collided = np.zeros(shape, dtype=np.bool_)
+        """[envs, robots] touched another robot while under way in the last decision."""
+        self.collisions = np.zeros(shape, dtype=np.int64)
+        """[envs, robots] collisions since the last change of mode."""
+        self.previous_action = np.full(shape, STOP, dtype=np.int64)
+        self.density = np.zeros(num_envs)
+        """[envs] robots per cell of tunnel length."""
+        self._cell = np.zeros(shape, dtype=np.int64)
+        self._laden = np.zeros(shape, dtype=np.bool_)
+        self._pose = np.zeros((*shape, 3))
+        self._distances = np.zeros((*shape, 2))
+        self._paid = np.zeros((num_envs, arena.pellets.count), dtype=np.bool_)
+        self._observation = np.zeros((*shape, layout.size), dtype=np.float32)
+        width, height = arena.size
+        self._per_size = np.array([1.0 / width, 1.0 / height])
+        self._per_farthest = 1.0 / float(arena.distances.raster.max())
+        sheet, period = arena.robot, arena.timing.decision_period
+        self._closer_by = CLOSER_SHARE * sheet.top_speed * period
+        self._still_way = BLOCKED_SHARE * sheet.top_speed * period
+        self._still_turn = BLOCKED_SHARE * sheet.top_turn_rate * period
+
+    def reset(self, env: int, state: WorldState) -> None:
+        """Begin an episode in one environment from the world's state."""
+        self.pheromone.reset(env)
+        for cleared in (self.blocked, self.collided, self.collisions, self._paid):
+            cleared[env] = 0
+        self.previous_action[env] = STOP
+        self._locate(state)
+        self._set_modes(state)
+
+    @property
+    def shown_mode(self) -> NDArray[np.uint8]:
+        """[envs, robots] modes with Collision overlaid."""
+        return np.where(self.blocked, np.uint8(Mode.COLLISION), self.mode)
+
+    def gripper_commands(self) -> NDArray[np.int8]:
+        """Return what the modes tell the grippers to do in the next decision, [envs, robots]."""
+        return gripper_commands(self.mode)
+
+    def update(self, actions: NDArray[np.int64], state: WorldState) -> NDArray[np.float64]:
+        """Take in what a decision with `actions` [envs, robots] has led to; returns the rewards [envs, robots]."""
+        was_laden, was_mode, was_distances = self._laden, self.mode, self._distances
+        motion = state.pose - self._pose
+        under_way = actions != STOP
+        self._locate(state)
+        self._set_modes(state)
+
+        turned = np.abs((motion[..., 2] + np.pi) % (2.0 * np.pi) - np.pi)
+        still = (motion[..., 0] ** 2 + motion[..., 1] ** 2 < self._still_way**2) & (turned < self._still_turn)
+        touched = state.touched_robot | state.touched_wall | state.touched_pellet
+        self.blocked = under_way & still & touched
+        self.collided = under_way & state.touched_robot
+        self.collisions = np.where(self.mode == was_mode, self.collisions, 0) + self.collided
+        self.previous_action = actions.copy()
+
+        goal = 1 - was_laden.astype(np.intp)
+        progress = np.take_along_axis(was_distances - self._distances, goal[..., None], axis=2)[..., 0]
+        reward = rewards(
+            self._reward,
+            closer=progress > self._closer_by,
+            collided=self.collided,
+            laden=was_laden,
+            pickups=self._first_pickups(state),
+            deliveries=state.deliveries,
+        )
+        self.pheromone.update(self._cell, self.shown_mode, self._laden, actions)
+        return reward
+
+    def observe(self, state: WorldState) -> NDArray[np.float32]:
+        """Return the observations [envs, robots, size] in a fresh array."""
+        out = np.empty_like(self._observation)
+        own = OwnState(
+            mode=self.shown_mode,
+            laden=self._laden,
+            place=np.clip(state.pose[..., :2] * self._per_size, 0.0, 1.0),
+            heading=state.pose[..., 2],
+            offset=self._offset,
+            previous_action=self.previous_action,
+            collisions=self.collisions,
+            distances=np.clip(self._distances * self._per_farthest, 0.0, 1.0),
+            free_neighbours=(
+                self.grid.free_neighbours(self._cell) if self.layout.encoding == "expanded" else None
+            ),
+        )
+        end = write_own_state(self.layout, own, out)
+        if self.layout.stigmergy:
+            self.pheromone.read(self._cell, out[..., end:-1])
+            np.minimum(self.density, 1.0, out=out[..., -1].T)
+        return out
+
+    def _locate(self, state: WorldState) -> None:
+        coordinates = self.grid.cell_coordinates(state.pose[..., :2])
+        self._cell = self.grid.flat_index(coordinates)
+        self._offset = np.clip(2.0 * (coordinates - np.floor(coordinates)) - 1.0, -1.0, 1.0)
+        self._laden = state.held >= 0
+        self._pose = state.pose.copy()
+        self._distances = self._arena.distances.sample(state.pose[..., :2])
+        self.density = self.grid.tunnel_density(self._cell)
+
+    def _set_modes(self, state: WorldState) -> None:
+        self.mode = modes(self.grid.zones[self._cell], self._laden, state.touching >= 0)
+
+    def _first_pickups(self, state: WorldState) -> NDArray[np.int64]:
+        """Return which robots took a pellet that nobody has been paid for, and mark it as paid."""
+        self._paid &= ~state.fresh
+        taken = state.picked >= 0
+        first = taken.astype(np.int64)
+        if taken.any():
+            envs, robots = np.nonzero(taken)
+            pellets = state.picked[envs, robots]
+            first[envs, robots] = ~self._paid[envs, pellets]
+            self._paid[envs, pellets] = True
+        return first

@@ -1,0 +1,126 @@
+"""What a robot observes: its own eight numbers, and the pheromones around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.discretise.cells import NEIGHBOURS
+from robosim.discretise.modes import Mode
+from robosim.discretise.pheromone import CHANNELS
+from robosim.robot.drivers import ACTION_NAMES, NUM_ACTIONS, ActionKind
+
+Encoding = Literal["paper", "expanded"]
+ENCODINGS: tuple[Encoding, ...] = ("paper", "expanded")
+COLLISIONS_FULL = 20
+"""Collisions since the last change of mode at which that number is 1 and stays there."""
+_COMPASS = ("N", "S", "W", "E", "NW", "NE", "SW", "SE")
+
+
+@dataclass(frozen=True)
+class ObservationLayout:
+    """Which number stands where in an observation; policies carry it to be checked against."""
+
+    encoding: Encoding
+    stigmergy: bool
+    actions: ActionKind
+    radius: int
+    """Field of view of the pheromone patch, cells; without meaning when `stigmergy` is off."""
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Name of every number, in order."""
+        if self.encoding == "paper":
+            own = ["mode", "x", "y", "heading", "previous action", "collisions"]
+        else:
+            own = [f"mode {mode.name.lower()}" for mode in Mode]
+            own += ["x", "y", "heading sine", "heading cosine"]
+            own += [f"previous action {name}" for name in ACTION_NAMES[self.actions]]
+            own += ["collisions"]
+        own += ["distance to home", "distance to source"]
+        if self.encoding == "expanded":
+            own += ["offset in cell x", "offset in cell y", "laden"]
+            own += [f"free {side}" for side in _COMPASS]
+        if self.stigmergy:
+            side = range(-self.radius, self.radius + 1)
+            own += [
+                f"{channel} ({column:+d}, {row:+d})"
+                for channel in CHANNELS
+                for row in reversed(side)
+                for column in side
+            ]
+            own += ["tunnel density"]
+        return tuple(own)
+
+    @cached_property
+    def size(self) -> int:
+        """Numbers in an observation."""
+        return len(self.names)
+
+    @cached_property
+    def low(self) -> NDArray[np.float32]:
+        """[size] lower bounds."""
+        signed = {"heading", "heading sine", "heading cosine", "offset in cell x", "offset in cell y"}
+        return np.array([-1.0 if name in signed else 0.0 for name in self.names], dtype=np.float32)
+
+    @cached_property
+    def high(self) -> NDArray[np.float32]:
+        """[size] upper bounds."""
+        return np.ones(self.size, dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class OwnState:
+    """What the encodings are made of; arrays are [envs, robots] unless said otherwise."""
+
+    mode: NDArray[np.uint8]
+    """With collisions overlaid."""
+    laden: NDArray[np.bool_]
+    place: NDArray[np.float64]
+    """[envs, robots, 2] position over the arena's size, 0 to 1."""
+    heading: NDArray[np.float64]
+    """rad."""
+    offset: NDArray[np.float64]
+    """[envs, robots, 2] from the cell's centre, -1 to 1 at its sides."""
+    previous_action: NDArray[np.int64]
+    collisions: NDArray[np.int64]
+    """Since the last change of mode."""
+    distances: NDArray[np.float64]
+    """[envs, robots, 2] to home and source over the largest in the arena, 0 to 1."""
+    free_neighbours: NDArray[np.bool_] | None
+    """[envs, robots, 8] neither wall nor robot; only the expanded encoding needs it."""
+
+
+_MODE_CODES = np.eye(len(Mode), dtype=np.float32)
+_ACTION_CODES = np.eye(NUM_ACTIONS, dtype=np.float32)
+
+
+def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.float32]) -> int:
+    """Write the numbers of `own` into `out` [envs, robots, size]; returns how many there are.
+
+    `paper` gives the mode as one number in 0 to 1; `expanded` gives one-hot codes, sine and cosine.
+    """
+    crowd = np.minimum(own.collisions * (1.0 / COLLISIONS_FULL), 1.0)
+    if layout.encoding == "paper":
+        out[..., 0] = own.mode * (1.0 / (len(Mode) - 1))
+        out[..., 1:3] = own.place
+        out[..., 3] = own.heading * (1.0 / np.pi)
+        out[..., 4] = own.previous_action * (1.0 / (NUM_ACTIONS - 1))
+        out[..., 5] = crowd
+        out[..., 6:8] = own.distances
+        return 8
+    out[..., 0:7] = _MODE_CODES[own.mode]
+    out[..., 7:9] = own.place
+    out[..., 9] = np.sin(own.heading)
+    out[..., 10] = np.cos(own.heading)
+    out[..., 11:16] = _ACTION_CODES[own.previous_action]
+    out[..., 16] = crowd
+    out[..., 17:19] = own.distances
+    out[..., 19:21] = own.offset
+    out[..., 21] = own.laden
+    out[..., 22 : 22 + len(NEIGHBOURS)] = own.free_neighbours
+    return 22 + len(NEIGHBOURS)

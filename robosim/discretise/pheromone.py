@@ -1,0 +1,115 @@
+"""The pheromone map: a virtual memory of the arena that robots write to and read around them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.discretise.cells import Grid
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+CHANNELS = ("occupancy", "mode", "laden", "action")
+
+
+@dataclass(frozen=True, slots=True)
+class PheromoneConfig:
+    """Constants of the map; the paper leaves their values open."""
+
+    decay: float = 0.1
+    """alpha: the share of the occupancy that is lost in a decision."""
+    reinforcement: float = 0.1
+    """beta: what a visit adds to the occupancy of a cell in a decision."""
+    initial: float = 0.0
+    """rho_0: the occupancy of every free cell when an episode begins."""
+    diffusion: float = 0.02
+    """The share of the difference that flows between neighbouring cells in a decision, at most 0.25."""
+    radius: int = 2
+    """Field of view: a robot reads the cells up to this many rows and columns away."""
+
+    @property
+    def saturation(self) -> float:
+        """Occupancy of a cell that is visited without end, beta / alpha."""
+        return self.reinforcement / self.decay
+
+
+class PheromoneMap:
+    """Occupancy and the last visitors' marks for every cell, [envs, ...].
+
+    Occupancy follows rho(t+1) = (1 - alpha) rho(t) + beta [visited] (the paper's section on digital
+    pheromones) and then diffuses between free cells; walls reflect it.
+    """
+
+    def __init__(self, grid: Grid, num_envs: int, config: PheromoneConfig) -> None:
+        self._grid = grid
+        self._config = config
+        self._maps = np.zeros((num_envs, len(CHANNELS), grid.size))
+        free = grid.free
+        self._flow_up = config.diffusion * (free[1:] & free[:-1])
+        self._flow_right = config.diffusion * (free[:, 1:] & free[:, :-1])
+        side = np.arange(-config.radius, config.radius + 1)
+        steps = np.array([(column, row) for row in side[::-1] for column in side], dtype=np.int64)
+        self._patch = grid.flat_steps(steps)
+        self._fade_scale = 1.0 / config.saturation
+
+    @property
+    def patch_size(self) -> int:
+        """Numbers in a robot's field of view, all channels."""
+        return len(CHANNELS) * len(self._patch)
+
+    def reset(self, env: int) -> None:
+        """Return one environment's map to its initial state."""
+        self._maps[env] = 0.0
+        self._maps[env, 0] = self._config.initial * self._grid.free.ravel()
+
+    @property
+    def occupancy(self) -> Floats:
+        """[envs, rows, columns] occupancy of the arena's cells, row 0 at the bottom."""
+        margin = self._grid.margin
+        padded = self._maps[:, 0].reshape(-1, *self._grid.shape)
+        return padded[:, margin:-margin, margin:-margin]
+
+    def update(
+        self, cell: Integers, mode: NDArray[np.uint8], laden: NDArray[np.bool_], action: Integers
+    ) -> None:
+        """Advance one decision: decay, the marks of the robots in `cell`, diffusion.
+
+        All arguments are [envs, robots]; `cell` is the flat index. Of several robots in one cell the
+        last one leaves its marks, and the visit counts once.
+        """
+        envs = np.arange(cell.shape[0])[:, None]
+        maps = self._maps
+        occupancy = maps[:, 0]
+        occupancy *= 1.0 - self._config.decay
+        occupancy[envs, cell] += self._config.reinforcement
+        maps[envs, 1, cell] = (mode + 1.0) * (1.0 / 7.0)
+        maps[envs, 2, cell] = laden
+        maps[envs, 3, cell] = (action + 1.0) * (1.0 / 5.0)
+        if self._config.diffusion > 0.0:
+            self._diffuse(occupancy.reshape(-1, *self._grid.shape))
+
+    def _diffuse(self, rho: Floats) -> None:
+        up = (rho[:, 1:] - rho[:, :-1]) * self._flow_up
+        right = (rho[:, :, 1:] - rho[:, :, :-1]) * self._flow_right
+        rho[:, :-1] += up
+        rho[:, 1:] -= up
+        rho[:, :, :-1] += right
+        rho[:, :, 1:] -= right
+
+    def read(self, cell: Integers, out: NDArray[np.float32]) -> None:
+        """Write the patches around the robots in `cell` [envs, robots] into `out` [envs, robots, patch_size].
+
+        Channel by channel, each from the north-west to the south-east. Occupancy is given relative
+        to its saturation, at most 1; the marks fade with it. What lies outside reads 0.
+        """
+        envs = np.arange(cell.shape[0])[:, None, None, None]
+        channels = np.arange(len(CHANNELS))[:, None]
+        around = cell[:, :, None, None] + self._patch
+        patch = self._maps[envs, channels, around]
+        strength = np.minimum(patch[:, :, 0] * self._fade_scale, 1.0)
+        patch[:, :, 1:] *= strength[:, :, None]
+        patch[:, :, 0] = strength
+        out[...] = patch.reshape(out.shape)

@@ -1,0 +1,61 @@
+"""The reward of the paper: four signals, weighted, local or shared by the team."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+RewardKind = Literal["local", "global"]
+REWARD_KINDS: tuple[RewardKind, ...] = ("local", "global")
+Sharing = Literal["copied", "split"]
+
+
+@dataclass(frozen=True, slots=True)
+class RewardConfig:
+    """Signals and weights (the paper's section on the reward function)."""
+
+    kind: RewardKind = "global"
+    """`global` shares pickups and deliveries with the whole team, `local` keeps them to the robot."""
+    sharing: Sharing = "copied"
+    """How a global reward is shared: every robot gets the same full value, or an equal part of it.
+
+    The paper says both; `copied` is the default because its clarifying sentence says so ("assigns
+    the same reward value to all agents") and because the signal does not shrink with the team.
+    """
+    distance: float = 2.5
+    collision: float = -2.0
+    pickup: float = 50.0
+    delivery: float = 50.0
+    distance_weight: float = 0.2
+    collision_weight: float = 0.2
+    pickup_weight: float = 0.2
+    delivery_weight: float = 0.4
+
+
+def rewards(
+    config: RewardConfig,
+    closer: NDArray[np.bool_],
+    collided: NDArray[np.bool_],
+    laden: NDArray[np.bool_],
+    pickups: NDArray[np.int64],
+    deliveries: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """Return the rewards [envs, robots] of one decision, r = w_d r_d + w_c r_c + w_p r_p + w_s r_s.
+
+    All arguments are [envs, robots]: `closer` to the goal than a decision ago, `collided` with
+    another robot, `laden` before the decision (laden robots are not penalised), first `pickups` of
+    pellets, and `deliveries`.
+    """
+    team = (config.pickup_weight * config.pickup) * pickups
+    team = team + (config.delivery_weight * config.delivery) * deliveries
+    if config.kind == "global":
+        shared = team.sum(axis=1, keepdims=True)
+        if config.sharing == "split":
+            shared = shared / team.shape[1]
+        team = np.broadcast_to(shared, team.shape)
+    own = (config.distance_weight * config.distance) * closer
+    own = own + (config.collision_weight * config.collision) * (collided & ~laden)
+    return np.asarray(team + own)

@@ -1,0 +1,280 @@
+"""The batched environment: worlds, driver, Dec-POMDP and pheromones behind arrays [envs, robots, ...].
+
+Every other face of the simulator is built on this one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from robosim.arena import Arena, load_arena
+from robosim.discretise.dec_pomdp import DecPomdp
+from robosim.discretise.observation import ENCODINGS, Encoding, ObservationLayout
+from robosim.discretise.pheromone import PheromoneConfig
+from robosim.discretise.reward import REWARD_KINDS, RewardConfig, RewardKind, Sharing
+from robosim.envs.frame import Frame
+from robosim.envs.trajectory import Trajectory
+from robosim.errors import InputError
+from robosim.robot.drivers import ACTION_KINDS, NUM_ACTIONS, ActionKind
+from robosim.world.physics import PhysicsWorld
+
+MAX_ENVS = 4096
+
+
+class Transition(NamedTuple):
+    """What a step of a batch of environments returns."""
+
+    observation: NDArray[np.float32]
+    """[envs, robots, size]; of the new episode where one has just ended."""
+    reward: NDArray[np.float32]
+    """[envs, robots]."""
+    terminated: NDArray[np.bool_]
+    """[envs] always False: the task has no end of its own."""
+    truncated: NDArray[np.bool_]
+    """[envs] the episode has reached its last decision."""
+    final_observation: NDArray[np.float32]
+    """[envs, robots, size] what the step itself led to; differs from `observation` after an end."""
+    final_delivered: NDArray[np.int64]
+    """[envs, robots] pellets delivered in the episode up to this step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A moment of a batch of environments: their seeds, and the actions since the episode began.
+
+    The solver keeps contacts and forces inside that no copy carries over to the last bit, so a moment is
+    restored by running to it again.
+    """
+
+    seeds: tuple[int, ...]
+    episode: int
+    actions: NDArray[np.uint8]
+    """[decisions, envs, robots]."""
+
+
+class VectorEnv:
+    """Several copies of one arena with a team of robots each, stepped together.
+
+    Copies differ only by their seed, and each gives the same trajectory as it would alone. All
+    episodes have the same length, so they end together; with `autoreset` the next ones begin at
+    once. Observations are float32 [envs, robots, size], actions integers [envs, robots] in 0 to 4.
+    """
+
+    def __init__(
+        self,
+        arena: str | Path | Arena,
+        *,
+        robots: int,
+        num_envs: int = 1,
+        seed: int | Sequence[int] = 0,
+        actions: ActionKind = "cardinal",
+        encoding: Encoding = "expanded",
+        stigmergy: bool = True,
+        reward: RewardKind = "global",
+        sharing: Sharing = "copied",
+        episode_steps: int | None = None,
+        pheromone: PheromoneConfig | None = None,
+        autoreset: bool = True,
+    ) -> None:
+        """Read the arena and set up its worlds; nothing runs before `reset`.
+
+        `arena` is a name, a file or an arena already read; `seed` one number from which each
+        environment gets its own, or one number for each environment; `reward` and `sharing` are
+        explained in `RewardConfig`; `episode_steps` replaces the arena's length of an episode.
+        Raises InputError for values out of range.
+        """
+        self.arena = arena if isinstance(arena, Arena) else load_arena(arena)
+        self.robots = _integer("robots", robots, 1, self.arena.capacity)
+        self.num_envs = _integer("num_envs", num_envs, 1, MAX_ENVS)
+        self.num_actions = NUM_ACTIONS
+        steps = self.arena.timing.episode_steps if episode_steps is None else episode_steps
+        self.episode_steps = _integer("episode_steps", steps, 1, 100_000_000)
+        _one_of("actions", actions, ACTION_KINDS)
+        _one_of("encoding", encoding, ENCODINGS)
+        _one_of("reward", reward, REWARD_KINDS)
+        _one_of("sharing", sharing, ("copied", "split"))
+        pheromone = pheromone or PheromoneConfig()
+        self.layout = ObservationLayout(encoding, stigmergy, actions, pheromone.radius)
+        self.autoreset = autoreset
+        self.seeds = self._seeds_from(seed)
+        self._world = PhysicsWorld(self.arena, self.robots, self.num_envs, actions)
+        self._dec = DecPomdp(
+            self.arena,
+            self.robots,
+            self.num_envs,
+            self.layout,
+            RewardConfig(kind=reward, sharing=sharing),
+            pheromone,
+        )
+        self.episode = -1
+        """Episodes begun before the current one; -1 before the first reset."""
+        self.steps_taken = 0
+        """Decisions in the current episode."""
+        self.delivered = np.zeros((self.num_envs, self.robots), dtype=np.int64)
+        """[envs, robots] pellets delivered by each robot in the current episode."""
+        self._reward = np.zeros((self.num_envs, self.robots), dtype=np.float32)
+        self._history = np.empty((0, self.num_envs, self.robots), dtype=np.uint8)
+
+    @property
+    def world(self) -> PhysicsWorld:
+        """The bodies: for controllers with full knowledge, reports and tests."""
+        return self._world
+
+    @property
+    def dec_pomdp(self) -> DecPomdp:
+        """Modes, collisions and pheromones."""
+        return self._dec
+
+    def reset(self, seed: int | Sequence[int] | None = None) -> NDArray[np.float32]:
+        """Begin new episodes; returns the observations [envs, robots, size].
+
+        With `seed` the environments are seeded anew and their first episode begins; without, the
+        next one of the same seeds.
+        """
+        if seed is not None:
+            self.seeds = self._seeds_from(seed)
+            self.episode = -1
+        return self._begin(self.episode + 1)
+
+    def _begin(self, episode: int) -> NDArray[np.float32]:
+        self.episode = episode
+        for env, seed in enumerate(self.seeds):
+            self._world.reset(env, np.random.SeedSequence(seed, spawn_key=(episode,)))
+        for env in range(self.num_envs):
+            self._dec.reset(env, self._world.state)
+        self.steps_taken = 0
+        self.delivered = np.zeros_like(self.delivered)
+        self._reward = np.zeros_like(self._reward)
+        if len(self._history) < self.episode_steps:
+            # Grows with use, for an episode may be set so long that it never ends.
+            self._history = np.empty((min(self.episode_steps, 1024), self.num_envs, self.robots), np.uint8)
+        return self._dec.observe(self._world.state)
+
+    def step(self, actions: ArrayLike) -> Transition:
+        """Advance every environment by one decision with actions [envs, robots]; see `Transition`.
+
+        Raises InputError for actions of the wrong shape, kind or range, before the first reset, and after
+        the end of an episode when `autoreset` is off.
+        """
+        chosen = _checked_actions(actions, (self.num_envs, self.robots))
+        if self.episode < 0:
+            raise InputError("step: no episode has begun; call reset first.")
+        if self.steps_taken >= self.episode_steps:
+            raise InputError(
+                f"step: the episode has ended after {self.episode_steps} decisions; call reset to begin another."
+            )
+        world, dec = self._world, self._dec
+        if self.steps_taken == len(self._history):
+            grown = np.empty((2 * len(self._history), self.num_envs, self.robots), np.uint8)
+            grown[: self.steps_taken] = self._history
+            self._history = grown
+        self._history[self.steps_taken] = chosen
+        world.step(chosen, dec.gripper_commands())
+        self._reward = dec.update(chosen, world.state).astype(np.float32)
+        self.delivered = self.delivered + world.state.deliveries
+        self.steps_taken += 1
+        final = dec.observe(world.state)
+        delivered, reward = self.delivered, self._reward
+        ended = self.steps_taken == self.episode_steps
+        observation = self._begin(self.episode + 1) if ended and self.autoreset else final
+        return Transition(
+            observation,
+            reward,
+            np.zeros(self.num_envs, dtype=np.bool_),
+            np.full(self.num_envs, ended),
+            final,
+            delivered,
+        )
+
+    def frame(self, env: int = 0) -> Frame:
+        """Return what there is to see of one environment; its arrays are views, valid until the next step."""
+        world, dec, state = self._world, self._dec, self._world.state
+        contacts = world.contacts
+        return Frame(
+            step=self.steps_taken,
+            time=self.steps_taken * self.arena.timing.decision_period,
+            pose=state.pose[env],
+            mode=dec.shown_mode[env],
+            laden=state.held[env] >= 0,
+            action=dec.previous_action[env],
+            reward=self._reward[env],
+            pellets=state.pellets[env],
+            pellet_status=state.pellet_status[env],
+            delivered=self.delivered[env],
+            density=float(dec.density[env]),
+            pheromone=dec.pheromone.occupancy[env],
+            contacts=contacts if self.num_envs == 1 else contacts.of_env(env),
+        )
+
+    def snapshot(self) -> Snapshot:
+        """Return the present moment, to be restored into an environment of the same kind."""
+        return Snapshot(self.seeds, self.episode, self._history[: self.steps_taken].copy())
+
+    def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
+        """Return to a moment, exact to the last bit, by running to it again; returns the observations."""
+        if snapshot.actions.shape[1:] != (self.num_envs, self.robots):
+            raise InputError(
+                f"snapshot: it holds [envs, robots] = {list(snapshot.actions.shape[1:])}, "
+                f"this environment has [{self.num_envs}, {self.robots}]."
+            )
+        if len(snapshot.actions) > self.episode_steps:
+            raise InputError(
+                f"snapshot: it holds {len(snapshot.actions)} decisions, an episode here has {self.episode_steps}."
+            )
+        self.seeds = snapshot.seeds
+        autoreset, self.autoreset = self.autoreset, False
+        try:
+            observation = self._begin(snapshot.episode)
+            for actions in snapshot.actions:
+                observation = self.step(actions).observation
+        finally:
+            self.autoreset = autoreset
+        return observation
+
+    def trajectory(self, env: int = 0) -> Trajectory:
+        """Return the current episode of one environment so far, as seed and actions."""
+        return Trajectory(
+            arena=self.arena.text,
+            actions=self.layout.actions,
+            seed=self.seeds[env],
+            episode=self.episode,
+            chosen=self._history[: self.steps_taken, env].copy(),
+        )
+
+    def _seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:
+        if isinstance(seed, (int, np.integer)):
+            root = np.random.SeedSequence(_integer("seed", seed, 0, 2**64 - 1))
+            return tuple(int(one) for one in root.generate_state(self.num_envs, np.uint64))
+        seeds = tuple(_integer("seed", one, 0, 2**64 - 1) for one in seed)
+        if len(seeds) != self.num_envs:
+            raise InputError(f"seed: {len(seeds)} given, allowed are one, or one for each of {self.num_envs} envs.")
+        return seeds
+
+
+def _checked_actions(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int64]:
+    array = np.asarray(actions)
+    if array.shape != shape:
+        raise InputError(f"actions: shape {list(array.shape)}; allowed is [envs, robots] = {list(shape)}.")
+    if array.dtype.kind not in "iu":
+        raise InputError(f"actions: values of type {array.dtype}; allowed are integers from 0 to {NUM_ACTIONS - 1}.")
+    if (array < 0).any() or (array >= NUM_ACTIONS).any():
+        wrong = int(array[(array < 0) | (array >= NUM_ACTIONS)][0])
+        raise InputError(f"actions: {wrong} is not allowed; allowed are integers from 0 to {NUM_ACTIONS - 1}.")
+    return array.astype(np.int64)
+
+
+def _integer(name: str, value: object, low: int, high: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
+        raise InputError(f"{name}: {value!r} is not allowed; allowed are whole numbers from {low} to {high}.")
+    return int(value)
+
+
+def _one_of(name: str, value: object, allowed: Sequence[str]) -> None:
+    if value not in allowed:
+        raise InputError(f"{name}: {value!r} is not allowed; allowed are {', '.join(allowed)}.")

@@ -1,0 +1,126 @@
+"""Drivers: what a robot's own controller makes of a policy's action, as wheel speeds.
+
+A policy decides once in a decision period; the driver runs in every control period between.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.robot.kinematics import wheel_speeds_for, wrap_angle
+from robosim.robot.sheet import RobotSheet
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+ActionKind = Literal["cardinal", "wheels"]
+ACTION_KINDS: tuple[ActionKind, ...] = ("cardinal", "wheels")
+NUM_ACTIONS = 5
+STOP = 4
+"""The last action of both kinds is Stop."""
+
+TURN_FIRST_ABOVE = np.radians(40.0)
+"""Heading error above which the cardinal driver turns on the spot before it drives, rad."""
+STEERING_GAIN = 4.0
+"""Turning rate per heading error while driving, 1/s; gentle, so that steering costs little speed."""
+
+
+class Cardinal(IntEnum):
+    """Actions of kind `cardinal`: toward the neighbouring cell."""
+
+    NORTH = 0
+    SOUTH = 1
+    WEST = 2
+    EAST = 3
+    STOP = 4
+
+
+class Wheels(IntEnum):
+    """Actions of kind `wheels`: wheel speeds held for the whole decision."""
+
+    FORWARD = 0
+    BACK = 1
+    SPIN_LEFT = 2
+    SPIN_RIGHT = 3
+    STOP = 4
+
+
+CARDINAL_STEPS = np.array([[0, 1], [0, -1], [-1, 0], [1, 0], [0, 0]], dtype=np.int64)
+"""[5, 2] steps (columns, rows) of the cardinal actions; rows grow northward."""
+
+ACTION_NAMES: dict[str, tuple[str, ...]] = {
+    "cardinal": ("north", "south", "west", "east", "stop"),
+    "wheels": ("forward", "back", "spin left", "spin right", "stop"),
+}
+
+
+class Driver(Protocol):
+    """Turns the actions of one decision into wheel speeds, one control period at a time."""
+
+    def begin(self, pose: Floats, actions: Integers) -> None:
+        """Take the decision's actions [envs, robots] at the poses [envs, robots, 3]."""
+        ...
+
+    def wheel_speeds(self, pose: Floats) -> Floats:
+        """Return wheel speeds [envs, robots, 2] in rad/s for the next control period."""
+        ...
+
+
+class CardinalDriver:
+    """Turns toward the centre of the neighbouring cell and drives there, stopping for nobody.
+
+    The target is fixed when the decision begins, so a robot that follows one direction is drawn to
+    the middle of its row or column of cells.
+    """
+
+    def __init__(self, sheet: RobotSheet, cell_size: float, control_period: float) -> None:
+        self._sheet = sheet
+        self._cell = cell_size
+        self._period = control_period
+        self._half_base = 0.5 * sheet.wheel_base
+        self._target = np.empty(0)
+        self._halt = np.empty(0, dtype=np.bool_)
+
+    def begin(self, pose: Floats, actions: Integers) -> None:
+        cells = np.floor(pose[..., :2] * (1.0 / self._cell))
+        self._target = (cells + CARDINAL_STEPS[actions] + 0.5) * self._cell
+        self._halt = actions == STOP
+
+    def wheel_speeds(self, pose: Floats) -> Floats:
+        sheet = self._sheet
+        way = self._target - pose[..., :2]
+        error = wrap_angle(np.arctan2(way[..., 1], way[..., 0]) - pose[..., 2])
+        on_the_spot = np.abs(error) > TURN_FIRST_ABOVE
+        rate = error * np.where(on_the_spot, 1.0 / self._period, STEERING_GAIN)
+        rate = np.minimum(np.maximum(rate, -sheet.top_turn_rate), sheet.top_turn_rate)
+        # What turning leaves of the wheels' speed goes into driving, once the robot faces the cell.
+        speed = sheet.top_speed - self._half_base * np.abs(rate)
+        speed[on_the_spot] = 0.0
+        speed[self._halt] = 0.0
+        rate[self._halt] = 0.0
+        return wheel_speeds_for(sheet, speed, rate)
+
+
+class WheelsDriver:
+    """Holds the wheel speeds of the action for the whole decision."""
+
+    def __init__(self, sheet: RobotSheet) -> None:
+        top = sheet.max_wheel_speed
+        self._table = np.array([[top, top], [-top, -top], [-top, top], [top, -top], [0.0, 0.0]])
+        self._speeds = np.empty(0)
+
+    def begin(self, pose: Floats, actions: Integers) -> None:
+        self._speeds = self._table[actions]
+
+    def wheel_speeds(self, pose: Floats) -> Floats:
+        return self._speeds
+
+
+def make_driver(kind: ActionKind, sheet: RobotSheet, cell_size: float, control_period: float) -> Driver:
+    """Return the driver for actions of `kind`."""
+    if kind == "cardinal":
+        return CardinalDriver(sheet, cell_size, control_period)
+    return WheelsDriver(sheet)

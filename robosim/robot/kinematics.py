@@ -1,0 +1,49 @@
+"""Differential-drive kinematics: wheel speeds and the motion of the body, in batches."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.robot.sheet import RobotSheet
+
+Floats = NDArray[np.float64]
+
+
+def body_twist(sheet: RobotSheet, wheel_speeds: Floats) -> tuple[Floats, Floats]:
+    """Return forward speed (m/s) and turning rate (rad/s, left positive) for wheel speeds.
+
+    `wheel_speeds` is [..., 2] (left, right) in rad/s; both results are [...].
+    """
+    left, right = wheel_speeds[..., 0], wheel_speeds[..., 1]
+    speed = (0.5 * sheet.wheel_radius) * (left + right)
+    turn_rate = (sheet.wheel_radius / sheet.wheel_base) * (right - left)
+    return speed, turn_rate
+
+
+def wheel_speeds_for(sheet: RobotSheet, speed: Floats, turn_rate: Floats) -> Floats:
+    """Return the wheel speeds [..., 2] (left, right; rad/s) that give `speed` and `turn_rate`.
+
+    The inverse of `body_twist`; the result may exceed the data sheet.
+    """
+    wheels = np.empty((*np.shape(speed), 2))
+    half = (0.5 * sheet.wheel_base) * turn_rate
+    np.subtract(speed, half, out=wheels[..., 0])
+    np.add(speed, half, out=wheels[..., 1])
+    wheels *= 1.0 / sheet.wheel_radius
+    return wheels
+
+
+def slew(current: Floats, command: Floats, max_speed: Floats | float, max_change: float) -> Floats:
+    """Return the wheel speeds one control period later, within the limits of speed and acceleration.
+
+    `current` and `command` are wheel speeds in rad/s, `max_change` the largest change (rad/s) that
+    the wheels' acceleration allows in the period.
+    """
+    target = np.minimum(np.maximum(command, -max_speed), max_speed)
+    return np.minimum(np.maximum(target, current - max_change), current + max_change)
+
+
+def wrap_angle(angle: Floats) -> Floats:
+    """Return `angle` (rad) folded into [-pi, pi)."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi

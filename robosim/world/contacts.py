@@ -1,0 +1,60 @@
+"""Contacts between bodies, as flat arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class ContactKind(IntEnum):
+    """What touched; a pellet that a robot holds counts as a part of that robot."""
+
+    ROBOT_ROBOT = 0
+    ROBOT_WALL = 1
+    ROBOT_PELLET = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Contacts:
+    """The contacts of one decision, one row for each pair of bodies and control period."""
+
+    env: NDArray[np.int64]
+    """[n] environment."""
+    time: NDArray[np.float64]
+    """[n] end of the control period since the episode began, s."""
+    kind: NDArray[np.uint8]
+    """[n] `ContactKind`."""
+    a: NDArray[np.int64]
+    """[n] robot."""
+    b: NDArray[np.int64]
+    """[n] the other robot, the pellet, or -1 for a wall."""
+    position: NDArray[np.float64]
+    """[n, 2] m."""
+    impulse: NDArray[np.float64]
+    """[n] N s, in the last substep of the control period in which the two touched."""
+
+    def of_env(self, env: int) -> Contacts:
+        """Return the contacts of one environment."""
+        return self.where(self.env == env)
+
+    def where(self, mask: NDArray[np.bool_]) -> Contacts:
+        """Return the contacts that `mask` [n] selects."""
+        return Contacts(
+            self.env[mask],
+            self.time[mask],
+            self.kind[mask],
+            self.a[mask],
+            self.b[mask],
+            self.position[mask],
+            self.impulse[mask],
+        )
+
+
+def no_contacts() -> Contacts:
+    """Return an empty record."""
+    whole = np.empty(0, dtype=np.int64)
+    real = np.empty(0)
+    return Contacts(whole, real, np.empty(0, dtype=np.uint8), whole, whole, np.empty((0, 2)), real)

@@ -1,0 +1,311 @@
+"""The physical world: a batch of pymunk spaces behind arrays [envs, robots, ...]."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.arena.model import Arena, Randomisation, Zone
+from robosim.errors import InputError
+from robosim.robot.drivers import ActionKind, make_driver
+from robosim.robot.kinematics import body_twist, slew, wrap_angle
+from robosim.world.contacts import no_contacts
+from robosim.world.physics.contacts import ContactLog, touching_pellets
+from robosim.world.physics.space import Draws, EpisodeSpace
+from robosim.world.state import Gripper, PelletStatus, WorldState
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+TEAR_DISTANCE = 0.5
+"""A held pellet pushed this far out of the gripper is torn loose, in pellet radii."""
+REFILL_MARGIN = 1e-3
+"""Gap kept around a fresh pellet, m."""
+LOOSE, HELD, ABSENT = (np.uint8(status) for status in PelletStatus)
+
+
+class PhysicsWorld:
+    """Robots and pellets as rigid bodies; robots move only by wheel commands within their data sheet."""
+
+    def __init__(self, arena: Arena, robots: int, num_envs: int, actions: ActionKind) -> None:
+        if robots > arena.capacity:
+            raise InputError(
+                f"robots: {robots} do not fit the arena {arena.name!r}; allowed are 1 to {arena.capacity}."
+            )
+        self.arena = arena
+        self.robots = robots
+        self.num_envs = num_envs
+        sheet, timing = arena.robot, arena.timing
+        self._driver = make_driver(actions, sheet, arena.cell_size, timing.control_period)
+        self._max_change = sheet.max_wheel_acceleration * timing.control_period
+        self._half_period = 0.5 * timing.control_period
+        self._gripper_offset = 0.5 * sheet.length
+        self._gripper_reach = arena.pellets.radius + sheet.gripper_reach
+        shape = (num_envs, robots)
+        pellets = arena.pellets.count
+        self.state = WorldState(
+            pose=np.zeros((*shape, 3)),
+            velocity=np.zeros((*shape, 3)),
+            held=np.full(shape, -1),
+            touching=np.full(shape, -1),
+            pellets=np.zeros((num_envs, pellets, 2)),
+            pellet_status=np.zeros((num_envs, pellets), dtype=np.uint8),
+            touched_robot=np.zeros(shape, dtype=np.bool_),
+            touched_wall=np.zeros(shape, dtype=np.bool_),
+            touched_pellet=np.zeros(shape, dtype=np.bool_),
+            picked=np.full(shape, -1),
+            lost=np.zeros(shape, dtype=np.bool_),
+            deliveries=np.zeros(shape, dtype=np.int64),
+            delivered=np.zeros(num_envs, dtype=np.int64),
+            refilled=np.zeros(num_envs, dtype=np.int64),
+            fresh=np.zeros((num_envs, pellets), dtype=np.bool_),
+        )
+        self.contacts = no_contacts()
+        self.wheel_speeds: Floats = np.zeros((*shape, 2))
+        """[envs, robots, 2] wheel speeds held in the last control period, rad/s."""
+        self._max_speed = np.zeros((*shape, 1))
+        self._commands = np.zeros((*shape, 3))
+        self._holder = np.full((num_envs, pellets), -1)
+        self._last_holder = np.full((num_envs, pellets), -1)
+        self._control_steps = np.zeros(num_envs, dtype=np.int64)
+        self._spaces: list[EpisodeSpace] = []
+        self._rngs: list[np.random.Generator] = []
+        # Ids of the pellets and of the ground, sorted, and the slot of each: the ground has the last one.
+        self._listed_ids = np.zeros((num_envs, pellets + 1), dtype=np.uintp)
+        self._rank_slot = np.zeros((num_envs, pellets + 1), dtype=np.intp)
+        self._slots = np.zeros((num_envs, pellets + 1, 2))
+        self._log = ContactLog(num_envs, robots, pellets)
+
+    def reset(self, env: int, seed: np.random.SeedSequence) -> None:
+        """Begin an episode in one environment; everything random in it comes from `seed`.
+
+        Environments are first reset in their order.
+        """
+        rng = np.random.default_rng(seed)
+        draws, speed_factor = draw_episode(self.arena, self.robots, rng)
+        self._commands[env] = 0.0
+        space = EpisodeSpace(self.arena, draws, self._commands[env])
+        if env == len(self._spaces):
+            self._spaces.append(space)
+            self._rngs.append(rng)
+        else:
+            self._spaces[env] = space
+            self._rngs[env] = rng
+        state = self.state
+        for event in (state.touched_robot, state.touched_wall, state.touched_pellet, state.lost, state.fresh):
+            event[env] = False
+        for nothing in (state.held, state.touching, state.picked, self._holder, self._last_holder):
+            nothing[env] = -1
+        state.velocity[env] = 0.0
+        state.deliveries[env] = 0
+        state.delivered[env] = 0
+        state.refilled[env] = 0
+        state.pellet_status[env] = LOOSE
+        self._max_speed[env, :, 0] = self.arena.robot.max_wheel_speed * speed_factor
+        self.wheel_speeds[env] = 0.0
+        self._control_steps[env] = 0
+        self._log.know_bodies(env, space.body_ids)
+        listed = np.append(space.body_ids[self.robots :], space.ground_id)
+        self._rank_slot[env] = np.argsort(listed)
+        self._listed_ids[env] = np.sort(listed)
+        state.pose[env] = draws.robot_pose
+        self._slots[env, :-1] = draws.pellet_place
+        state.pellets[env] = draws.pellet_place
+        self._feel_pellets()
+        self.contacts = no_contacts()
+
+    def step(self, actions: Integers, gripper: NDArray[np.int8]) -> None:
+        """Advance all environments by one decision: actions and gripper commands are [envs, robots]."""
+        self._log.clear()
+        self._driver.begin(self.state.pose, actions)
+        for _ in range(self.arena.timing.control_steps):
+            self.drive(self._driver.wheel_speeds(self.state.pose))
+        self._read_pellets()
+        self._read_contacts()
+        self._handle_pellets(gripper)
+
+    def drive(self, wheel_speeds: Floats) -> None:
+        """Hold wheel speeds [envs, robots, 2] (rad/s) for one control period, within the data sheet.
+
+        Commands beyond the top speed or the acceleration are cut down to it. Contacts are logged
+        for the decision; pellets are not handled.
+        """
+        state, commands = self.state, self._commands
+        self.wheel_speeds = slew(self.wheel_speeds, wheel_speeds, self._max_speed, self._max_change)
+        speed, rate = body_twist(self.arena.robot, self.wheel_speeds)
+        # The chord of the arc that the wheels describe: the end of the period is then exact.
+        half_turn = rate * self._half_period
+        chord = state.pose[..., 2] + half_turn
+        along = speed * np.sinc(half_turn * (1.0 / np.pi))
+        np.multiply(along, np.cos(chord), out=commands[..., 0])
+        np.multiply(along, np.sin(chord), out=commands[..., 1])
+        commands[..., 2] = rate
+        self._control_steps += 1
+        for env, space in enumerate(self._spaces):
+            space.drive()
+            self._log.add(env, space)
+            _, bodies = space.bodies()
+            state.pose[env] = bodies[: self.robots, :3]
+            state.velocity[env] = bodies[: self.robots, 3:]
+        state.pose[..., 2] = wrap_angle(state.pose[..., 2])
+
+    def _read_pellets(self) -> None:
+        robots, state = self.robots, self.state
+        for env, space in enumerate(self._spaces):
+            ids, bodies = space.bodies()
+            # Bodies asleep move to the end of the solver's list, so each is found by its id.
+            rank = np.searchsorted(self._listed_ids[env], ids[robots:])
+            self._slots[env, self._rank_slot[env, rank]] = bodies[robots:, :2]
+        state.pellets[...] = self._slots[:, :-1]
+
+    def _read_contacts(self) -> None:
+        times = self._control_steps * self.arena.timing.control_period
+        self.contacts = self._log.read(self._holder, times, self.arena.timing)
+        state = self.state
+        for touched in (state.touched_robot, state.touched_wall, state.touched_pellet):
+            touched[...] = False
+        self._log.mark_touched(state, self.contacts)
+        if self.arena.pellets.cohesion > 0.0:
+            for env, space in enumerate(self._spaces):
+                space.cohere(touching_pellets(space, self.robots), state.pellets[env])
+
+    def _handle_pellets(self, gripper: NDArray[np.int8]) -> None:
+        state = self.state
+        state.picked[...] = -1
+        state.lost[...] = False
+        state.deliveries[...] = 0
+        state.fresh[...] = False
+        laden = state.held >= 0
+        if laden.any():
+            self._drop(laden & (gripper == Gripper.OPEN), torn=False)
+            self._drop(self._torn(), torn=True)
+        self._deliver()
+        self._feel_pellets()
+        takers = (gripper == Gripper.TAKE) & (state.held < 0) & (state.touching >= 0)
+        if takers.any():
+            self._take(takers)
+        waiting = state.pellet_status == ABSENT
+        if waiting.any():
+            self._refill(waiting)
+
+    def _torn(self) -> NDArray[np.bool_]:
+        """Return which robots' pellets are pushed too far out of their grippers, [envs, robots]."""
+        state = self.state
+        torn = np.zeros_like(state.lost)
+        limit = TEAR_DISTANCE * self.arena.pellets.radius
+        for env, robot in np.argwhere(state.held >= 0).tolist():
+            pellet = int(state.held[env, robot])
+            x, y, heading = state.pose[env, robot].tolist()
+            anchor_x, anchor_y = self._spaces[env].anchor(pellet)
+            cos, sin = np.cos(heading), np.sin(heading)
+            dx = x + cos * anchor_x - sin * anchor_y - state.pellets[env, pellet, 0]
+            dy = y + sin * anchor_x + cos * anchor_y - state.pellets[env, pellet, 1]
+            torn[env, robot] = dx * dx + dy * dy > limit * limit
+        return torn
+
+    def _drop(self, droppers: NDArray[np.bool_], *, torn: bool) -> None:
+        state = self.state
+        for env, robot in np.argwhere(droppers).tolist():
+            pellet = int(state.held[env, robot])
+            self._spaces[env].release(pellet)
+            state.held[env, robot] = -1
+            state.pellet_status[env, pellet] = LOOSE
+            self._holder[env, pellet] = -1
+            state.lost[env, robot] = torn
+
+    def _deliver(self) -> None:
+        """Count the loose pellets in the home and take them out of the world."""
+        state = self.state
+        zones = self._zones_at(state.pellets)
+        home = (zones == Zone.HOME) & (state.pellet_status == LOOSE)
+        if not home.any():
+            return
+        for env, pellet in np.argwhere(home).tolist():
+            robot = int(self._last_holder[env, pellet])
+            if robot >= 0:
+                state.deliveries[env, robot] += 1
+            state.delivered[env] += 1
+            state.pellet_status[env, pellet] = ABSENT
+            self._last_holder[env, pellet] = -1
+            self._spaces[env].take_out(pellet)
+
+    def _zones_at(self, positions: Floats) -> NDArray[np.uint8]:
+        cells = (positions * (1.0 / self.arena.cell_size)).astype(np.intp)
+        flat = cells[..., 1] * self.arena.columns + cells[..., 0]
+        return self.arena.zones.ravel().take(flat, mode="clip")
+
+    def _feel_pellets(self) -> None:
+        """Find the nearest loose pellet that each empty gripper touches."""
+        state = self.state
+        heading = state.pose[..., 2]
+        nose_x = state.pose[..., 0] + self._gripper_offset * np.cos(heading)
+        nose_y = state.pose[..., 1] + self._gripper_offset * np.sin(heading)
+        dx = state.pellets[:, None, :, 0] - nose_x[..., None]
+        dy = state.pellets[:, None, :, 1] - nose_y[..., None]
+        distance = dx * dx + dy * dy
+        distance += np.where(state.pellet_status == LOOSE, 0.0, np.inf)[:, None, :]
+        nearest = distance.argmin(axis=2)
+        gap = np.take_along_axis(distance, nearest[..., None], axis=2)[..., 0]
+        felt = (gap <= self._gripper_reach**2) & (state.held < 0)
+        np.copyto(state.touching, np.where(felt, nearest, -1))
+
+    def _take(self, takers: NDArray[np.bool_]) -> None:
+        state = self.state
+        for env, robot in np.argwhere(takers).tolist():
+            pellet = int(state.touching[env, robot])
+            if state.pellet_status[env, pellet] != LOOSE:
+                continue
+            self._spaces[env].grip(robot, pellet)
+            state.held[env, robot] = pellet
+            state.picked[env, robot] = pellet
+            state.pellet_status[env, pellet] = HELD
+            self._holder[env, pellet] = robot
+            self._last_holder[env, pellet] = robot
+
+    def _refill(self, waiting: NDArray[np.bool_]) -> None:
+        """Put fresh pellets to random places of the source that are clear of everything."""
+        state, arena = self.state, self.arena
+        for env, pellet in np.argwhere(waiting).tolist():
+            present = state.pellet_status[env] != ABSENT
+            places = arena.pellet_places
+            clear = _clear_of(places, state.pellets[env][present], 2.0 * arena.pellets.radius + REFILL_MARGIN)
+            reach = arena.robot.outer_radius + arena.pellets.radius + REFILL_MARGIN
+            clear &= _clear_of(places, state.pose[env, :, :2], reach)
+            room = np.flatnonzero(clear)
+            if room.size == 0:
+                continue
+            place = places[room[int(self._rngs[env].integers(room.size))]]
+            self._spaces[env].place(pellet, place)
+            state.pellets[env, pellet] = place
+            state.pellet_status[env, pellet] = LOOSE
+            state.refilled[env] += 1
+            state.fresh[env, pellet] = True
+
+
+def _clear_of(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
+    """Return which places [n, 2] are at least `distance` away from all others [m, 2]."""
+    apart = places[:, None, :] - others[None, :, :]
+    squared = apart[..., 0] ** 2 + apart[..., 1] ** 2
+    return np.asarray((squared >= distance * distance).all(axis=1))
+
+
+def draw_episode(arena: Arena, robots: int, rng: np.random.Generator) -> tuple[Draws, Floats]:
+    """Draw what is random in an episode; also returns the factors of the robots' top wheel speed [robots]."""
+    if arena.start.poses:
+        pose = np.array(arena.start.poses[:robots])
+    else:
+        chosen = rng.permutation(len(arena.start_places))[:robots]
+        heading = rng.uniform(-np.pi, np.pi, robots)
+        pose = np.concatenate([arena.start_places[chosen], heading[:, None]], axis=1)
+    count = arena.pellets.count
+    places = arena.pellet_places[np.sort(rng.permutation(len(arena.pellet_places))[:count])]
+    ranges: Randomisation = arena.randomisation
+    draws = Draws(
+        robot_pose=pose,
+        pellet_place=places,
+        robot_mass=rng.uniform(*ranges.robot_mass, robots),
+        traction=rng.uniform(*ranges.traction, robots),
+        pellet_mass=rng.uniform(*ranges.pellet_mass, count),
+        pellet_friction=rng.uniform(*ranges.pellet_friction, count),
+    )
+    return draws, rng.uniform(*ranges.wheel_speed, robots)

@@ -1,0 +1,90 @@
+"""The state of a batch of worlds, as arrays, and the protocol that every world keeps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.world.contacts import Contacts
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+class PelletStatus(IntEnum):
+    """Where a pellet is."""
+
+    LOOSE = 0
+    HELD = 1
+    ABSENT = 2
+    """Delivered; its fresh successor waits for room in the source."""
+
+
+class Gripper(IntEnum):
+    """What a robot's gripper is told for one decision."""
+
+    OPEN = -1
+    """Let go of what it holds."""
+    KEEP = 0
+    """Hold what it holds, take nothing."""
+    TAKE = 1
+    """Hold what it holds, or take a pellet that it touches."""
+
+
+@dataclass(slots=True)
+class WorldState:
+    """Bodies and events of a batch of worlds; the arrays are overwritten by the next decision."""
+
+    pose: Floats
+    """[envs, robots, 3] x m, y m, heading rad in [-pi, pi)."""
+    velocity: Floats
+    """[envs, robots, 3] x m/s, y m/s, turning rate rad/s."""
+    held: Integers
+    """[envs, robots] the pellet that a robot holds, or -1."""
+    touching: Integers
+    """[envs, robots] the loose pellet that a robot's gripper touches, or -1."""
+    pellets: Floats
+    """[envs, pellets, 2] m; an absent pellet keeps its last place."""
+    pellet_status: NDArray[np.uint8]
+    """[envs, pellets] `PelletStatus`."""
+    touched_robot: Bools
+    """[envs, robots] touched another robot, or its pellet, in the last decision."""
+    touched_wall: Bools
+    """[envs, robots] touched a wall in the last decision."""
+    touched_pellet: Bools
+    """[envs, robots] touched a loose pellet in the last decision."""
+    picked: Integers
+    """[envs, robots] the pellet taken in the last decision, or -1."""
+    lost: Bools
+    """[envs, robots] had its pellet torn loose in the last decision."""
+    deliveries: Integers
+    """[envs, robots] pellets delivered in the last decision, credited to their last holder."""
+    delivered: Integers
+    """[envs] pellets delivered in the episode."""
+    refilled: Integers
+    """[envs] fresh pellets put into the source in the episode."""
+    fresh: Bools
+    """[envs, pellets] put into the source anew in the last decision."""
+
+
+class World(Protocol):
+    """A batch of worlds: it knows bodies, and nothing of pheromones, rewards or policies."""
+
+    num_envs: int
+    robots: int
+    state: WorldState
+    contacts: Contacts
+    """Of the last decision."""
+
+    def reset(self, env: int, seed: np.random.SeedSequence) -> None:
+        """Begin an episode in one environment; everything random in it comes from `seed`."""
+        ...
+
+    def step(self, actions: Integers, gripper: NDArray[np.int8]) -> None:
+        """Advance all environments by one decision: actions and gripper are [envs, robots]."""
+        ...
