@@ -1,0 +1,96 @@
+"""How a recording is laid out in the viewer."""
+
+from __future__ import annotations
+
+import rerun.blueprint as rrb
+from rerun.blueprint.encodings import TextLogColumn
+
+from robosim.arena.model import Arena
+from robosim.playback import entities, palette
+
+_PLAYBACK_FPS = 20.0
+
+_MODE_STEPS = 200
+"""Decisions before and after the present one that the lanes of modes show."""
+
+_WIDE = 2.2
+"""An arena this many times wider than high takes the whole width of the window."""
+
+
+def make_blueprint(arena: Arena, robots: int) -> rrb.Blueprint:
+    """Return the layout: the arena as large as its shape allows, modes below it, plots and log around."""
+    width, height = arena.size
+    modes = _mode_views()
+    delivered = _plot("Pellets delivered by the team", entities.DELIVERED, legend=False)
+    each = _plot("Pellets delivered by each robot", entities.DELIVERED_BY_ROBOT, legend=robots <= 10)
+    density = _plot("Tunnel density, robots per cell of length", entities.DENSITY, legend=False)
+    reward = _plot("Reward, mean of the team and of 20 decisions", entities.REWARD, legend=False)
+    words = rrb.Tabs(
+        rrb.TextLogView(
+            origin="log",
+            name="Events",
+            columns=rrb.TextLogColumns(text_log_columns=[TextLogColumn("Body")]),
+        ),
+        rrb.TextDocumentView(origin=entities.ABOUT, name="About this run"),
+    )
+    view, legend = _arena_view(arena), _legend_view()
+    layout: rrb.Container
+    if width > _WIDE * height:
+        plots = rrb.Grid(delivered, each, density, reward, grid_columns=2)
+        lower = rrb.Horizontal(modes, plots, words, column_shares=[1.6, 1.7, 0.8])
+        layout = rrb.Vertical(view, legend, lower, row_shares=[4.6, 0.4, 4.0])
+    else:
+        left = rrb.Vertical(view, legend, modes, row_shares=[5.0, 0.4, min(0.6 + 0.28 * robots, 4.0)])
+        right = rrb.Vertical(delivered, each, density, reward, words, row_shares=[1.2, 1.2, 1.0, 1.0, 1.3])
+        layout = rrb.Horizontal(left, right, column_shares=[2.4, 1.0])
+    return rrb.Blueprint(
+        layout,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=entities.STEP, fps=_PLAYBACK_FPS, play_state="paused"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _mode_views() -> rrb.Tabs:
+    # A span about the cursor is in units of the timeline, so the first view fits `step` only.
+    around = rrb.TimeRange(
+        start=rrb.TimeRangeBoundary.cursor_relative(seq=-_MODE_STEPS),
+        end=rrb.TimeRangeBoundary.cursor_relative(seq=_MODE_STEPS),
+    )
+    near = rrb.StateTimelineView(
+        origin="modes", name="What each robot does", time_view=rrb.TimeAxis(view_range=around)
+    )
+    whole = rrb.StateTimelineView(origin="modes", name="The same, whole run")
+    return rrb.Tabs(near, whole)
+
+
+def _arena_view(arena: Arena) -> rrb.Spatial2DView:
+    width, height = arena.size
+    margin = 0.02 * max(width, height)
+    return rrb.Spatial2DView(
+        origin="/",
+        contents=f"/{entities.ARENA}/**",
+        name=f"Arena {arena.name}",
+        background=palette.BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=(-margin, width + margin), y_range=(-height - margin, margin)
+        ),
+    )
+
+
+def _legend_view() -> rrb.Spatial2DView:
+    entries = len(palette.legend())
+    return rrb.Spatial2DView(
+        origin=entities.LEGEND,
+        titlebar=False,
+        background=palette.BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=(-0.5, entries - 0.5), y_range=(-0.1, 0.32)),
+    )
+
+
+def _plot(name: str, path: str, *, legend: bool) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=path, name=name, plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
+    )

@@ -1,0 +1,37 @@
+"""Where everything lies in a recording: the entity paths and the timelines."""
+
+from __future__ import annotations
+
+STEP = "step"
+"""Timeline: decision within the episode."""
+TIME = "sim_time"
+"""Timeline: simulated time since the episode began."""
+
+ARENA = "arena"
+MAP = "arena/map"
+WALLS = "arena/walls"
+ZONES = "arena/zones"
+PHEROMONE = "arena/pheromone"
+LOOSE = "arena/pellets/loose"
+HELD = "arena/pellets/held"
+CONTACTS = "arena/contacts"
+DELIVERED = "plots/delivered"
+DELIVERED_BY_ROBOT = "plots/delivered_by_robot"
+DENSITY = "plots/tunnel_density"
+REWARD = "plots/reward"
+COLLISION_LOG = "log/collisions"
+DELIVERY_LOG = "log/deliveries"
+LEGEND = "legend"
+SWATCHES = "legend/swatches"
+NAMES = "legend/names"
+ABOUT = "about"
+
+
+def robot(index: int) -> str:
+    """Return the path of a robot's body; below it lie `body`, `outline`, `heading` and `name`."""
+    return f"arena/robots/{index}"
+
+
+def mode(index: int) -> str:
+    """Return the path of a robot's mode."""
+    return f"modes/robot_{index}"

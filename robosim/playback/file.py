@@ -1,0 +1,64 @@
+"""A recording on disk: whole under its name, or not there at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import RrdReader
+
+from robosim.errors import InputError
+
+APPLICATION = "robosim"
+
+
+@contextlib.contextmanager
+def recording_file(path: Path, blueprint: rrb.Blueprint, name: str) -> Iterator[rr.RecordingStream]:
+    """Give a stream that becomes the recording `path` when the block ends without an exception.
+
+    Until then the bytes are in a hidden file beside it, which an exception removes. Raises InputError
+    at once if nothing can be written there, and OSError at the end if the file did not become whole.
+    """
+    part = _reserve(path)
+    # Without it rerun turns mistakes into warnings and leaves the data out.
+    rr.set_strict_mode(True)
+    finished = False
+    try:
+        with rr.RecordingStream(APPLICATION) as stream:
+            stream.save(part, default_blueprint=blueprint)
+            stream.send_recording_name(name)
+            yield stream
+            finished = True
+        _check_footer(part)
+        part.replace(path)
+    except (RuntimeError, ValueError) as error:
+        if not finished:
+            raise
+        # rerun writes in a thread of its own and tells only here that it could not.
+        raise OSError(0, "the recording could not be written whole; is the disk full?", str(path)) from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _reserve(path: Path) -> Path:
+    if path.suffix != ".rrd":
+        raise InputError(f"Recording {str(path)!r}: the file name must end in .rrd, the viewer's format.")
+    if path.is_dir():
+        raise InputError(f"Recording {str(path)!r}: this is a folder; give the name of a file in it.")
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.open("xb").close()
+    except OSError as error:
+        raise InputError(
+            f"Recording {str(path)!r}: cannot be written ({error.strerror}); "
+            "name a file in an existing folder that you may write to."
+        ) from error
+    return part
+
+
+def _check_footer(part: Path) -> None:
+    RrdReader(part).store().schema()

@@ -1,0 +1,74 @@
+"""What stands for what in a recording: the colours and names of modes, zones, pellets and contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from robosim.arena.model import Zone
+from robosim.discretise.modes import Mode
+from robosim.world.contacts import ContactKind
+
+Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """A name and a colour."""
+
+    label: str
+    colour: Colour
+
+
+# Blue goes out for a pellet, green comes home with one, and red is what should not be.
+MODES: dict[Mode, Style] = {
+    Mode.GOING_TO_DIG: Style("Going to dig", (29, 105, 214)),
+    Mode.DIGGING: Style("Digging", (140, 66, 201)),
+    Mode.EXIT_DIGGING: Style("Exit digging", (132, 204, 90)),
+    Mode.GOING_HOME: Style("Going home", (22, 137, 62)),
+    Mode.DUMPING: Style("Dumping", (235, 190, 20)),
+    Mode.EXIT_HOME: Style("Exit home", (104, 184, 246)),
+    Mode.COLLISION: Style("Collision", (222, 32, 38)),
+}
+
+LOOSE_PELLET = Style("Loose pellet", (121, 85, 58))
+HELD_PELLET = Style("Held pellet", (255, 128, 0))
+
+CONTACTS: dict[ContactKind, Style] = {
+    ContactKind.ROBOT_ROBOT: Style("Hits robot", (255, 0, 102)),
+    ContactKind.ROBOT_WALL: Style("Hits wall", (0, 170, 190)),
+    ContactKind.ROBOT_PELLET: Style("Hits pellet", (255, 200, 120)),
+}
+
+ZONES: dict[Zone, Style] = {
+    Zone.WALL: Style("Wall", (74, 80, 92)),
+    Zone.FLOOR: Style("Floor", (240, 240, 236)),
+    Zone.HOME: Style("HOME", (212, 236, 214)),
+    Zone.SOURCE: Style("SOURCE", (246, 224, 196)),
+    Zone.TUNNEL: Style("TUNNEL", (218, 226, 238)),
+}
+
+ZONE_NAME: Colour = (222, 226, 234)
+OUTLINE: Colour = (24, 26, 32)
+HEADING: Colour = (255, 255, 255)
+TEAM: Colour = (240, 240, 240)
+PHEROMONE: Colour = (84, 40, 150)
+BACKGROUND: Colour = (16, 18, 22)
+
+ROBOTS: tuple[Colour, ...] = (
+    (86, 160, 235),
+    (255, 150, 60),
+    (96, 200, 110),
+    (240, 90, 90),
+    (178, 130, 225),
+    (190, 140, 120),
+    (238, 130, 200),
+    (150, 150, 150),
+    (205, 205, 70),
+    (70, 205, 215),
+)
+"""One colour a robot in the plots, over again beyond ten."""
+
+
+def legend() -> list[Style]:
+    """Return what the legend names, in its order."""
+    return [*MODES.values(), LOOSE_PELLET, HELD_PELLET, *CONTACTS.values()]

@@ -1,0 +1,89 @@
+"""The recorder: takes a frame a decision, leaves a recording that opens in the rerun viewer."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import rerun as rr
+
+from robosim.arena.model import Arena
+from robosim.envs.frame import Frame
+from robosim.playback import entities
+from robosim.playback.blueprint import make_blueprint
+from robosim.playback.file import recording_file
+from robosim.playback.frames import FrameColumns
+from robosim.playback.scene import send_scene
+from robosim.playback.writer import FrameWriter
+
+
+class Recorder:
+    """Takes the frames of one episode; `recording` makes one."""
+
+    def __init__(self, writer: FrameWriter, frames: FrameColumns) -> None:
+        self._writer = writer
+        self._frames = frames
+        self._last_step = -1
+
+    def add(self, frame: Frame) -> None:
+        """Record a frame. Raises ValueError unless its step comes after the last one's."""
+        if frame.step <= self._last_step:
+            raise ValueError(
+                f"step {frame.step} does not follow step {self._last_step}: a recording holds one episode"
+            )
+        self._last_step = frame.step
+        if self._frames.add(frame):
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand what has been added to the file's writer."""
+        self._writer.write(self._frames)
+        self._frames.clear()
+
+
+@contextlib.contextmanager
+def recording(
+    path: str | Path, arena: Arena, *, robots: int, about: Mapping[str, str] | None = None
+) -> Iterator[Recorder]:
+    """Record the frames of one episode of `robots` robots in `arena` to `path`, a .rrd file.
+
+        with recording("run.rrd", env.arena, robots=env.robots, about={"policy": "lanes"}) as recorder:
+            env.reset()
+            recorder.add(env.frame())
+            ...
+
+    The file appears under its name when the block ends without an exception; with one, nothing is
+    left. Raises InputError on entry if the file cannot be written. `about` says what the run is, in words.
+    """
+    facts = {
+        "arena": f"{arena.name}: {arena.description}",
+        "robots": str(robots),
+        **(about or {}),
+    }
+    name = ", ".join((arena.name, f"{robots} robots", *(about or {}).values()))
+    with recording_file(Path(path), make_blueprint(arena, robots), name) as stream:
+        send_scene(stream, arena, robots)
+        _send_about(stream, arena, facts)
+        frames = FrameColumns(robots, arena.pellets.count, (arena.rows, arena.columns))
+        recorder = Recorder(FrameWriter(stream, arena, robots), frames)
+        yield recorder
+        recorder.flush()
+
+
+def _send_about(stream: rr.RecordingStream, arena: Arena, facts: Mapping[str, str]) -> None:
+    lines = [f"- **{key}**: {value}" for key, value in facts.items()]
+    text = "\n".join(["# About this run", "", *lines, "", _HOW_TO_READ])
+    stream.log(entities.ABOUT, rr.TextDocument(text, media_type="text/markdown"), static=True)
+    stream.send_property("robosim", rr.AnyValues(drop_untyped_nones=True, arena_file=arena.text, **facts))
+
+
+_HOW_TO_READ = """## How to read it
+
+- A robot is drawn to scale, white line forward, two fingers where it grips. The fill is its mode, as in the
+  legend and in the lanes below the arena. An orange outline says that it carries a pellet.
+- Violet cells: pheromone, the darker the more often visited of late.
+- Discs where bodies touch: the larger, the greater the impulse.
+- Drag in a plot, in the lanes, or in the time line below to move through the run; click an event to jump
+  to it.
+"""
