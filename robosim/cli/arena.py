@@ -1,0 +1,173 @@
+"""`robosim arena`: list the arenas that ship, show one, check a file."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from robosim.arena import Arena as ArenaData
+
+
+@dataclass(frozen=True)
+class List:
+    """List the arenas that ship."""
+
+    png: Path | None = None
+    """Also draw them all to one scale into this PNG file."""
+
+    def run(self) -> None:
+        from rich.table import Table
+
+        from robosim.arena import arena_names, load_arena
+
+        arenas = [load_arena(name) for name in arena_names()]
+        _draw(arenas, self.png)
+        table = Table(
+            "arena", "size, m", "robots", "tunnel, cells", "what it is", box=None, header_style="bold"
+        )
+        for arena in arenas:
+            width, height = arena.size
+            table.add_row(
+                arena.name,
+                f"{width:.2f} x {height:.2f}",
+                str(arena.capacity),
+                str(arena.tunnel_length),
+                arena.description,
+            )
+        _console().print(table)
+
+
+@dataclass(frozen=True)
+class Show:
+    """Show an arena: its map, sizes, distances and data sheet."""
+
+    name: tyro.conf.Positional[str]
+    """A shipped arena's name, or the path of an arena file."""
+    png: Path | None = None
+    """Also draw it to scale into this PNG file."""
+
+    def run(self) -> None:
+        from robosim.arena import load_arena
+
+        arena = load_arena(self.name)
+        _draw([arena], self.png)
+        _show(arena, _console())
+
+
+@dataclass(frozen=True)
+class Check:
+    """Check an arena file, and name every mistake in it."""
+
+    file: tyro.conf.Positional[str]
+    """The arena file, or a shipped arena's name."""
+
+    def run(self) -> None:
+        from robosim.arena import load_arena
+
+        arena = load_arena(self.file)
+        print(
+            f"{self.file}: ok: {arena.columns} x {arena.rows} cells, room for {arena.capacity} robots, "
+            f"{arena.pellets.count} pellets"
+        )
+
+
+@dataclass(frozen=True)
+class Arena:
+    """List the arenas that ship, show one, check an arena file."""
+
+    do: Annotated[
+        Annotated[List, tyro.conf.subcommand("list")]
+        | Annotated[Show, tyro.conf.subcommand("show")]
+        | Annotated[Check, tyro.conf.subcommand("check")],
+        tyro.conf.arg(name=""),
+    ]
+
+    def run(self) -> None:
+        self.do.run()
+
+
+_STYLES = {"#": "white on grey30", "H": "black on light_sky_blue1", "S": "black on wheat1"}
+_WIDTH_PIPED = 220
+"""Wider than any map, so that nothing that is piped is wrapped."""
+
+
+def _console() -> Console:
+    """Open a console that colours only for a terminal."""
+    from rich.console import Console
+
+    console = Console(highlight=False, markup=False, emoji=False)
+    return (
+        console
+        if console.is_terminal
+        else Console(highlight=False, markup=False, emoji=False, width=_WIDTH_PIPED)
+    )
+
+
+def _draw(arenas: list[ArenaData], path: Path | None) -> None:
+    if path is not None:
+        from robosim.arena.draw import save_picture
+
+        save_picture(arenas, path)
+
+
+def _show(arena: ArenaData, console: Console) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    from robosim.arena.draw import drawing
+
+    console.print(Text(arena.name, style="bold"))
+    if arena.description:
+        console.print(arena.description)
+    console.print()
+    for line in drawing(arena):
+        coloured = Text.assemble(*((character, _STYLES.get(character, "default")) for character in line))
+        console.print(coloured, soft_wrap=True)
+    console.print("# wall  . floor  H home  S source  T tunnel\n")
+    table = Table.grid(padding=(0, 2))
+    for name, value in _facts(arena):
+        table.add_row(name, value)
+    console.print(table)
+
+
+def _facts(arena: ArenaData) -> list[tuple[str, str]]:
+    """Say in words what the arena holds: (what, text) of each line."""
+    width, height = arena.size
+    robot, pellets, timing = arena.robot, arena.pellets, arena.timing
+    to_home, to_source = arena.distances.raster[..., 0], arena.distances.raster[..., 1]
+    start = (
+        f"{len(arena.start.poses)} given poses"
+        if arena.start.poses
+        else f"the {arena.start.zone.name.lower()}"
+    )
+    extent = f"{robot.length} m" if robot.shape == "circle" else f"{robot.length} x {robot.width} m"
+    facts = [
+        (
+            "size",
+            f"{arena.columns} x {arena.rows} cells of {arena.cell_size} m: {width:.2f} x {height:.2f} m",
+        ),
+        ("tunnel", f"{arena.tunnel_length} cells: {arena.tunnel_length * arena.cell_size:.2f} m long"),
+        ("home to source", f"{to_source[to_home == 0.0].min():.2f} m at least"),
+        ("robots", f"up to {arena.capacity}, starting from {start}"),
+        ("robot", f"{robot.shape} of {extent}, {robot.mass} kg"),
+        ("", f"top speed {robot.top_speed:.3g} m/s, top turn rate {robot.top_turn_rate:.3g} rad/s"),
+        (
+            "",
+            f"wheels {robot.wheel_radius} m in radius, {robot.wheel_base} m apart, traction {robot.traction}",
+        ),
+        ("", f"gripper reaches {robot.gripper_reach} m and holds {robot.grip_force} N"),
+        ("pellets", f"{pellets.count} of radius {pellets.radius} m, {pellets.mass} kg"),
+        ("", f"friction {pellets.friction}, cohesion {pellets.cohesion} N"),
+        ("decision", f"every {timing.decision_period} s, {timing.episode_steps} in an episode"),
+        ("", f"{timing.control_steps} control periods of {timing.substeps} substeps"),
+    ]
+    for factor, (low, high) in asdict(arena.randomisation).items():
+        if (low, high) != (1.0, 1.0):
+            facts.append(("random", f"{factor} times {low} to {high}"))
+    return facts
