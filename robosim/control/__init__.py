@@ -1,0 +1,1 @@
+"""Controllers: scripted ones, and trained policies run in numpy."""

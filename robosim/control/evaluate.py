@@ -1,0 +1,46 @@
+"""Measure any controller: whole episodes without exploration, side by side in a batch of environments."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robosim.control.card import Evaluation
+
+if TYPE_CHECKING:
+    from robosim.control.controller import Controller
+    from robosim.envs.vector import VectorEnv
+
+
+def evaluate(controller: Controller, env: VectorEnv, episodes: int, seed: int = 0) -> Evaluation:
+    """Run `episodes` whole episodes and return what the team delivered in each.
+
+    They run `env.num_envs` at a time; surplus ones of the last round are left out. Equal arguments give
+    equal results. InputError from the controller when it does not fit the environment.
+    """
+    delivered: list[tuple[int, ...]] = []
+    collisions: list[int] = []
+    # The last decision's collisions are read after it, so the next episode must not begin by itself.
+    autoreset, env.autoreset = env.autoreset, False
+    try:
+        while len(delivered) < episodes:
+            observation = env.reset(seed=None if delivered else seed)
+            controller.reset(env)
+            collided = np.zeros(env.num_envs, dtype=np.int64)
+            for _ in range(env.episode_steps):
+                observation = env.step(controller.act(env, observation)).observation
+                collided += env.dec_pomdp.collided.sum(axis=1)
+            delivered += [tuple(map(int, robots)) for robots in env.delivered]
+            collisions += map(int, collided)
+    finally:
+        env.autoreset = autoreset
+    return Evaluation(
+        controller=controller.name,
+        arena=env.arena.name,
+        robots=env.robots,
+        episode_steps=env.episode_steps,
+        seed=seed,
+        delivered=tuple(delivered[:episodes]),
+        collisions=tuple(collisions[:episodes]),
+    )

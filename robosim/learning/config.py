@@ -1,0 +1,159 @@
+"""The configuration of a training run, and the TOML file that keeps it."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
+
+from robosim.errors import InputError, nearest_names
+from robosim.learning.technique import find_technique
+
+
+@dataclass(frozen=True, slots=True)
+class TrainConfig:
+    """Everything that a run depends on."""
+
+    arena: str = "paper"
+    """Arena by name, or the path of its file."""
+    robots: int = 2
+    """Robots that learn together."""
+    technique: str = "iql+gs"
+    """iql, iql+g or iql+gs."""
+    steps: int = 30_000
+    """Joint decisions in total, summed over environments."""
+    seed: int = 0
+    """Root of all randomness of the run."""
+    num_envs: int = 1
+    """Environments that run side by side."""
+    actions: Literal["cardinal", "wheels"] = "cardinal"
+    """What the five actions are."""
+    encoding: Literal["paper", "expanded"] = "expanded"
+    """How observations are written."""
+    episode_steps: int = 0
+    """Decisions in a training episode; 0 for as many as the arena says."""
+    learning_rate: float = 1e-4
+    """Step size of Adam."""
+    discount: float = 0.99
+    """Gamma: what a reward one decision later is worth."""
+    batch_size: int = 64
+    """Transitions of each robot in an update."""
+    epsilon_start: float = 1.0
+    """Share of random actions at the start."""
+    epsilon_end: float = 0.02
+    """Share of random actions once exploration has run down."""
+    exploration: float = 0.1
+    """Share of the run over which the share of random actions falls."""
+    hidden: tuple[int, ...] = (128, 128, 128)
+    """Width of each hidden layer."""
+    replay_capacity: int = 100_000
+    """Transitions kept of each robot; the oldest go first."""
+    warmup: int = 1000
+    """Joint decisions before the first update."""
+    updates_per_step: float = 1.0
+    """Updates per joint decision."""
+    target_interval: int = 500
+    """Updates between two copies of the network into its target network."""
+    reward_scale: float = 0.1
+    """Factor on rewards before learning."""
+    evaluation_episodes: int = 3
+    """Episodes without exploration after training; 0 for none."""
+
+    def __post_init__(self) -> None:
+        """Check every field; InputError names the first that is wrong."""
+        find_technique(self.technique)
+        for name, (low, high) in _RANGES.items():
+            value = getattr(self, name)
+            if not (math.isfinite(value) and low <= value <= high):
+                raise InputError(f"{name} is {value}: it must be a number from {low:g} to {high:g}.")
+        for name in ("actions", "encoding"):
+            allowed = _CHOICES[name]
+            if getattr(self, name) not in allowed:
+                raise InputError(f"{name} is {getattr(self, name)!r}: it must be {' or '.join(allowed)}.")
+        if not 1 <= len(self.hidden) <= 8 or not all(1 <= width <= 4096 for width in self.hidden):
+            raise InputError(f"hidden is {self.hidden}: it must be 1 to 8 widths from 1 to 4096.")
+        if self.epsilon_end > self.epsilon_start:
+            raise InputError(
+                f"epsilon_end is {self.epsilon_end}: it must not exceed epsilon_start, {self.epsilon_start}."
+            )
+
+    def epsilon(self, step: int) -> float:
+        """Return the share of random actions after `step` joint decisions: falls linearly, then stays."""
+        progress = min(1.0, step / max(1.0, self.exploration * self.steps))
+        return self.epsilon_start + (self.epsilon_end - self.epsilon_start) * progress
+
+
+_CHOICES = {"actions": ("cardinal", "wheels"), "encoding": ("paper", "expanded")}
+
+_RANGES: dict[str, tuple[float, float]] = {
+    "robots": (1, 1000),
+    "steps": (1, 10**10),
+    "seed": (0, 2**63 - 1),
+    "num_envs": (1, 10_000),
+    "episode_steps": (0, 10**9),
+    "learning_rate": (1e-8, 1.0),
+    "discount": (0.0, 0.99999),
+    "batch_size": (1, 65_536),
+    "epsilon_start": (0.0, 1.0),
+    "epsilon_end": (0.0, 1.0),
+    "exploration": (0.0, 1.0),
+    "replay_capacity": (1, 10**8),
+    "warmup": (0, 10**10),
+    "updates_per_step": (0.0, 1000.0),
+    "target_interval": (1, 10**9),
+    "reward_scale": (1e-6, 1e6),
+    "evaluation_episodes": (0, 10_000),
+}
+
+
+def write_config(config: TrainConfig, path: Path) -> None:
+    """Write every field as TOML, so that the file alone repeats the run."""
+    lines = [f"{name} = {_toml(value)}" for name, value in asdict(config).items()]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def read_config(path: Path) -> TrainConfig:
+    """Read a file that `write_config` wrote; a missing key takes its default, an unknown one is an error.
+
+    InputError in one sentence for a file that cannot be read, is not TOML, or holds a wrong value.
+    """
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a TOML file ({error}).") from error
+    defaults = {field.name: field.default for field in fields(TrainConfig)}
+    checked: dict[str, Any] = {}
+    for name, value in values.items():
+        if name not in defaults:
+            raise InputError(f"{path}: unknown key {name!r}: {nearest_names(name, defaults)}")
+        checked[name] = _like(value, defaults[name], f"{path}: {name}")
+    try:
+        return TrainConfig(**checked)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _like(value: object, default: object, place: str) -> object:
+    if isinstance(default, tuple):
+        if isinstance(value, list) and all(type(item) is int for item in value):
+            return tuple(value)
+        raise InputError(f"{place} is {value!r}: it must be a list of whole numbers.")
+    if isinstance(default, float) and type(value) is int:
+        return float(value)
+    if type(value) is not type(default):
+        kind = {str: "a text", int: "a whole number", float: "a number"}[type(default)]
+        raise InputError(f"{place} is {value!r}: it must be {kind}.")
+    return value
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, str):
+        plain = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in plain) + '"'
+    return repr(value)

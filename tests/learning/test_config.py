@@ -1,0 +1,71 @@
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robosim.errors import InputError
+from robosim.learning.config import TrainConfig, read_config, write_config
+from robosim.learning.technique import TECHNIQUES, find_technique
+
+
+@given(
+    arena=st.text(st.characters(exclude_categories=["Cs"]), max_size=30),
+    learning_rate=st.floats(1e-8, 1.0),
+    hidden=st.lists(st.integers(1, 4096), min_size=1, max_size=8).map(tuple),
+    seed=st.integers(0, 2**63 - 1),
+)
+def test_config_survives_its_file(tmp_path_factory, arena, learning_rate, hidden, seed):
+    path = tmp_path_factory.mktemp("config") / "config.toml"
+    config = TrainConfig(arena=arena, learning_rate=learning_rate, hidden=hidden, seed=seed)
+    write_config(config, path)
+    assert read_config(path) == config
+    names = [line.split(" = ")[0] for line in path.read_text().splitlines()]
+    assert names == [field.name for field in dataclasses.fields(TrainConfig)]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("robots = ", "not a TOML file (Invalid value (at end of document))."),
+        ('robots = "two"', "robots is 'two': it must be a whole number."),
+        ("robots = true", "robots is True: it must be a whole number."),
+        ("robots = 0", "robots is 0: it must be a number from 1 to 1000."),
+        ("discount = nan", "discount is nan: it must be a number from 0 to 0.99999."),
+        ("hidden = [1.5]", "hidden is [1.5]: it must be a list of whole numbers."),
+        ("hidden = []", "hidden is (): it must be 1 to 8 widths from 1 to 4096."),
+        ("robot = 2", "unknown key 'robot': did you mean robots?"),
+        ("epsilon_start = 0.01", "epsilon_end is 0.02: it must not exceed epsilon_start, 0.01."),
+        ('actions = "jump"', "actions is 'jump': it must be cardinal or wheels."),
+        ('technique = "iql+gss"', "unknown technique 'iql+gss': did you mean iql+gs or iql+g or iql?"),
+    ],
+)
+def test_wrong_file_is_one_sentence(tmp_path, text, sentence):
+    path = tmp_path / "config.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_config(path)
+    assert str(caught.value).removeprefix(f"{path}: ") == sentence
+
+
+def test_missing_file_is_a_sentence(tmp_path):
+    with pytest.raises(InputError, match=r"nowhere.toml: No such file or directory\.$"):
+        read_config(tmp_path / "nowhere.toml")
+
+
+def test_exploration_falls_over_the_first_tenth_and_stays():
+    config = TrainConfig(steps=1000)
+    assert config.epsilon(0) == 1.0
+    assert config.epsilon(50) == pytest.approx(0.51)
+    assert config.epsilon(100) == pytest.approx(0.02)
+    assert config.epsilon(999) == pytest.approx(0.02)
+
+
+def test_techniques_add_one_thing_each():
+    flags = {name: (t.global_reward, t.stigmergy, t.curriculum) for name, t in TECHNIQUES.items()}
+    assert flags == {
+        "iql": (False, False, False),
+        "iql+g": (True, False, False),
+        "iql+gs": (True, True, False),
+    }
+    assert find_technique("iql").name == "iql"

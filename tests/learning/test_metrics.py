@@ -1,0 +1,21 @@
+import numpy as np
+import pytest
+
+from robosim.learning.metrics import MetricsLog, read_metrics, write_metrics
+
+
+def test_rows_add_up_over_the_end_of_episodes(tmp_path):
+    log = MetricsLog()
+    # Two environments of one robot; the episode ends after the third decision, then delivers 1 and 0.
+    for delivered, ended in (([0, 0], False), ([1, 0], False), ([2, 1], True), ([1, 0], False)):
+        log.add(np.float32([[1.0], [2.0]]), np.array(delivered)[:, None], np.full(2, ended))
+    row = log.cut(0.5, float("nan"))
+    assert (row.step, row.decisions, row.episode, row.delivered) == (8, 8, 2, 4)
+    assert row.reward == pytest.approx(1.5)
+    log.add(np.float32([[0.0], [0.0]]), np.array([[1], [2]]), np.full(2, False))
+    assert log.cut(0.4, 0.25).delivered == 2
+    path = tmp_path / "metrics.parquet"
+    write_metrics(log.rows, path)
+    again = read_metrics(path)
+    assert again[1] == log.rows[1]
+    assert np.isnan(again[0].loss)
