@@ -18,9 +18,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-KEEP_AHEAD = 0.25
+KEEP_AHEAD = 0.2
 """Gap kept to a robot ahead, in robot diameters."""
-SHOULDER = 0.9
+SHOULDER = 0.8
 """Half-width of the strip ahead that must be clear, in robot diameters."""
 PATIENCE = 8
 """Decisions without motion after which a robot backs off."""
@@ -70,7 +70,7 @@ class LanesController:
         blocked = self._blocked(env, place)
         in_source = (routes.zones[row, column] == Zone.SOURCE) & (heading_out == INBOUND)
         if in_source.any():
-            cost = np.where(in_source[..., None], self._toward_pellets(env, place, cost), cost)
+            cost = self._toward_pellets(env, in_source, cell, cost)
         wish = np.where(blocked, np.inf, cost)
         best = cost.argmin(axis=2)
         chosen = wish.argmin(axis=2)
@@ -92,16 +92,34 @@ class LanesController:
         ahead = (along > 0.0) & (along < (1.0 + KEEP_AHEAD) * width + 2.0 * env.arena.pellets.radius)
         return np.asarray((ahead & (across < SHOULDER * width)).any(axis=2))
 
-    def _toward_pellets(self, env: VectorEnv, place: Floats, cost: Floats) -> Floats:
-        """Return costs [envs, robots, 4] that lead to the nearest loose pellet outside the home."""
-        state = env.world.state
-        loose = state.pellet_status == PelletStatus.LOOSE
-        apart = state.pellets[:, None] - place[:, :, None]
-        squared = apart[..., 0] ** 2 + apart[..., 1] ** 2 + np.where(loose, 0.0, np.inf)[:, None]
-        nearest = squared.argmin(axis=2)
-        way = np.take_along_axis(apart, nearest[..., None, None], axis=2)[:, :, 0]
-        toward = way @ CARDINAL_STEPS[:4].T.astype(np.float64)
-        return np.where(np.isfinite(cost), -toward, np.inf)
+    def _toward_pellets(self, env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats) -> Floats:
+        """Return costs [envs, robots, 4] that lead the seekers to the pellet they can grip soonest.
+
+        A pellet can be gripped when it lies ahead in the strip that the gripper sweeps on the way to
+        the middle of the neighbouring cell.
+        """
+        state, sheet = env.world.state, env.arena.robot
+        envs, robots = np.nonzero(seekers)
+        pose = state.pose[envs, robots]
+        target = (cell[envs, robots][:, None] + CARDINAL_STEPS[:4] - 0.5) * env.arena.cell_size
+        way = target - pose[:, None, :2]
+        way /= np.sqrt((way**2).sum(axis=2, keepdims=True))
+        apart = state.pellets[envs] - pose[:, None, :2]
+        along = np.einsum("mac,mpc->map", way, apart)
+        across = np.abs(way[..., 0:1] * apart[:, None, :, 1] - way[..., 1:2] * apart[:, None, :, 0])
+        sweep = 0.8 * (sheet.gripper_reach + env.arena.pellets.radius)
+        loose = (state.pellet_status[envs] == PelletStatus.LOOSE)[:, None]
+        there = np.where(loose & (along > 0.0) & (across < sweep), along, np.inf).min(axis=2)
+        # Turning costs the way that the robot could drive in the same time.
+        turn = np.arccos(np.clip(way[..., 0] * np.cos(pose[:, 2:]) + way[..., 1] * np.sin(pose[:, 2:]), -1, 1))
+        there += turn * (sheet.top_speed / sheet.top_turn_rate)
+        distance = np.where(loose[:, 0], (apart**2).sum(axis=2), np.inf)
+        nearest = apart[np.arange(len(apart)), distance.argmin(axis=1)]
+        # With nothing in reach, the general direction of the nearest pellet; always worse than a sure one.
+        there = np.where(np.isfinite(there), there, 1e3 - np.einsum("mac,mc->ma", way, nearest))
+        changed = cost.copy()
+        changed[envs, robots] = np.where(np.isfinite(cost[envs, robots]), there, np.inf)
+        return changed
 
     def _back_off(self, env: VectorEnv, blocked: Bools, cost: Floats, best: Integers, action: Integers) -> Integers:
         """Let robots that have stood still for long, and wanted to move, give way for some decisions."""
@@ -162,7 +180,7 @@ class LanesController:
                 waiting = entering[env] & (near[env] == number)
                 demand = [int((waiting & (heading_out[env] == way)).sum()) for way in (INBOUND, OUTBOUND)]
                 gate.update(int(in_tunnel.sum()), demand, action.shape[1])
-                refused = waiting & ((heading_out[env] != gate.direction) | ~gate.open)
+                refused = waiting & ((heading_out[env] != gate.direction) | (not gate.open))
                 action[env, refused] = STOP
                 self._waiting[env] |= refused
 

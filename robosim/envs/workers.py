@@ -42,9 +42,7 @@ def vector_env(
     With `workers` above 1 the environments are shared out to that many processes, with the same
     numbers to the bit; use it as a context manager, or call close(). Raises InputError.
     """
-    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
-        raise InputError(f"workers: {workers!r} is not allowed; allowed are 1 to num_envs = {num_envs}.")
-    if workers == 1:
+    if workers == 1 and not isinstance(workers, bool):
         return VectorEnv(arena, robots=robots, num_envs=num_envs, seed=seed, **options)
     return WorkerVectorEnv(arena, robots=robots, num_envs=num_envs, seed=seed, workers=workers, **options)
 
@@ -73,12 +71,10 @@ class WorkerVectorEnv:
         workers: int,
         **options: Unpack[EnvOptions],
     ) -> None:
-        if workers > num_envs:
-            raise InputError(
-                f"vector_env: {workers} workers cannot share {num_envs} environments; use fewer."
-            )
         # Wrong input is found here, before any process is spawned, in the words of VectorEnv.
         sample = VectorEnv(arena, robots=robots, num_envs=num_envs, seed=seed, **options)
+        if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= num_envs:
+            raise InputError(f"workers: {workers!r} is not allowed; allowed are 1 to num_envs = {num_envs}.")
         self._seeds_from = sample._seeds_from
         self.arena = sample.arena
         self.layout = sample.layout
@@ -156,6 +152,8 @@ class WorkerVectorEnv:
                 self._receive(worker)
             except (InputError, RuntimeError) as error:
                 failures.append(error)
+            if not self._close.alive:
+                break
         if failures:
             raise failures[0]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
 from robosim.playback import entities, palette
-from robosim.playback.shapes import body_strips, gripper, outline, wall_edges
+from robosim.playback.shapes import Strip, body_strips, gripper, outline, wall_edges
 
 # Lower is drawn first; rerun's own defaults put images under lines under points.
 _MAP, _PHEROMONE, _EDGE, _PELLET, _ROBOT, _MARK, _CONTACT = -30.0, -20.0, 0.0, 10.0, 20.0, 30.0, 40.0
@@ -91,14 +91,22 @@ def _send_robot(stream: rr.RecordingStream, arena: Arena, robot: int) -> None:
         static=True,
     )
     nose = 0.5 * sheet.length
+    heading: Strip = [(0.15 * nose, 0.0), (0.85 * nose, 0.0)]
     stream.log(
         f"{path}/heading",
-        rr.LineStrips2D([[[0.15 * nose, 0.0], [0.85 * nose, 0.0]]], colors=palette.HEADING, radii=1.4 * line),
+        rr.LineStrips2D([heading], colors=palette.HEADING, radii=1.4 * line, draw_order=_MARK),
         static=True,
     )
     stream.log(
         f"{path}/name",
-        rr.Points2D([[0.0, 0.0]], labels=str(robot), show_labels=True, colors=palette.HEADING, radii=0.0),
+        rr.Points2D(
+            [(0.0, 0.0)],
+            labels=str(robot),
+            show_labels=True,
+            colors=palette.HEADING,
+            radii=0.0,
+            draw_order=_MARK,
+        ),
         static=True,
     )
     styles = palette.MODES.values()

@@ -65,9 +65,12 @@ class FrameWriter:
         columns: Iterable[rr.ComponentColumn],
         time: NDArray[np.float64] | None = None,
     ) -> None:
+        seconds = frames.time[rows] if time is None else time
+        # Rounded here, since rerun cuts what is below a nanosecond off.
+        nanoseconds = np.rint(seconds * 1e9).astype("timedelta64[ns]")
         times = [
             rr.TimeColumn(entities.STEP, sequence=frames.step[rows]),
-            rr.TimeColumn(entities.TIME, duration=frames.time[rows] if time is None else time),
+            rr.TimeColumn(entities.TIME, duration=nanoseconds),
         ]
         rr.send_columns(path, times, columns, recording=self._stream)
 
@@ -190,6 +193,7 @@ class FrameWriter:
         self._send(entities.DELIVERY_LOG, frames, at, columns)
 
     def _write_plots(self, frames: FrameColumns) -> None:
+        # A line ends where the run ends, so its last row is written even when it says nothing new.
         density = frames.density[: frames.rows]
         rows = self._new_rows(entities.DENSITY, density, last=True)
         self._send(entities.DENSITY, frames, rows, rr.Scalars.columns(scalars=density[rows]))

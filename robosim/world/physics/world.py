@@ -17,7 +17,7 @@ from robosim.world.state import Gripper, PelletStatus, WorldState
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-TEAR_DISTANCE = 0.5
+TEAR_DISTANCE = 1.0
 """A held pellet pushed this far out of the gripper is torn loose, in pellet radii."""
 REFILL_MARGIN = 1e-3
 """Gap kept around a fresh pellet, m."""
