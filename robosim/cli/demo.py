@@ -12,7 +12,7 @@ STEPS = 40_000
 """Decisions to learn from: enough for two robots to share the tunnel well."""
 EPISODES = 3
 EPISODE_STEPS = 1000
-"""Decisions in an episode of the comparison: some ten trips of a robot."""
+"""Decisions in an episode of the comparison: some nine trips of a robot."""
 
 
 @dataclass(frozen=True)

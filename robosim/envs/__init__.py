@@ -1,0 +1,1 @@
+"""The faces that others plug into: batched, PettingZoo, Gymnasium."""
