@@ -75,10 +75,13 @@ class LanesController:
         best = cost.argmin(axis=2)
         chosen = wish.argmin(axis=2)
         open_way = np.take_along_axis(wish, chosen[..., None], axis=2)[..., 0]
-        # Around an obstacle sideways, never back: a queue waits.
-        action = np.where((open_way <= here) | (in_source & np.isfinite(open_way)), chosen, STOP)
+        # Around an obstacle sideways, never back: a queue waits. In a tunnel nobody leaves the lane.
+        may_pass = (chosen == best) | (routes.zones[row, column] != Zone.TUNNEL)
+        passable = may_pass & ((open_way <= here) | in_source) & np.isfinite(open_way)
+        action = np.where(passable, chosen, STOP)
         if routes.gates:
             self._hold_at_gates(row, column, heading_out, best, action)
+            self._clear_mouths(row, column, blocked, action)
         return self._back_off(env, blocked, cost, best, action)
 
     def _blocked(self, env: VectorEnv, place: Floats) -> Bools:
@@ -183,6 +186,16 @@ class LanesController:
                 refused = waiting & ((heading_out[env] != gate.direction) | (not gate.open))
                 action[env, refused] = STOP
                 self._waiting[env] |= refused
+
+    def _clear_mouths(self, row: Integers, column: Integers, blocked: Bools, action: Integers) -> None:
+        """Send the robots that wait in front of a mouth aside, out of the way of those inside; changes `action`."""
+        routes, steps = self._routes, CARDINAL_STEPS[:4]
+        in_the_way = self._waiting & (routes.mouth[row, column] >= 0)
+        away = routes.mouth_distance[row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
+        away = np.where(blocked | ~np.isfinite(away), -np.inf, away)
+        best = away.argmax(axis=2)
+        useful = np.take_along_axis(away, best[..., None], axis=2)[..., 0] > routes.mouth_distance[row, column]
+        np.copyto(action, np.where(in_the_way & useful, best, action))
 
     def _tunnel_ahead(self, row: Integers, column: Integers, heading_out: Integers) -> Bools:
         """Return whether a robot's goal lies beyond the tunnel: the source for inbound, the home for outbound ones."""

@@ -16,6 +16,12 @@ Integers = NDArray[np.int64]
 
 WRONG_LANE_COST = 12.0
 """What a cell of the oncoming lane costs, in cells: taken only where there is no other way."""
+MIDDLE_LANE_COST = 3.0
+"""What a cell between the two lanes of a wide tunnel costs, in cells."""
+NEAR_WALL_COST = 3.0
+"""What a cell costs, in cells, where the robot has no room to turn."""
+MOUTH_REACH = 3.0
+"""How far around the mouth of a one-robot-wide tunnel nobody waits, in cells."""
 INBOUND, OUTBOUND = 0, 1
 
 
@@ -30,7 +36,9 @@ class Routes:
     gate: Integers
     """[rows + 2, columns + 2] number of the one-robot-wide tunnel that a cell belongs to, or -1."""
     mouth: Integers
-    """[rows + 2, columns + 2] number of the one-robot-wide tunnel that begins within two cells, or -1."""
+    """[rows + 2, columns + 2] number of the one-robot-wide tunnel whose mouth the cell must keep clear, or -1."""
+    mouth_distance: Floats
+    """[rows + 2, columns + 2] distance to the nearest such tunnel, in cells; short straight ahead of it."""
     gates: int
     """How many one-robot-wide tunnels carry traffic in both directions."""
 
@@ -45,6 +53,7 @@ def plan_routes(arena: Arena) -> Routes:
     count = int(tunnels.max()) + 1
     narrow = [_is_narrow(tunnels == tunnel, free) for tunnel in range(count)]
     fee = np.ones((2, *zones.shape))
+    fee[:, _cramped(arena, free) & (zones != Zone.TUNNEL)] = NEAR_WALL_COST
     shared = list(range(count))
     if count > 1 and any(narrow):
         # One tunnel in, the others out: nobody meets anybody.
@@ -67,7 +76,18 @@ def plan_routes(arena: Arena) -> Routes:
             _costs(free, zones == Zone.HOME, fee[OUTBOUND]),
         ]
     )
-    return Routes(cost, zones, gate, _mouths(gate, free), gates)
+    distance = _costs(free, gate >= 0, _straight_ahead_is_near(gate, free))
+    return Routes(cost, zones, gate, _mouths(gate, free, distance), distance, gates)
+
+
+def _cramped(arena: Arena, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the cells at whose centre a robot is too near to a wall to turn on the spot."""
+    if arena.robot.outer_radius <= 0.5 * arena.cell_size:
+        return np.zeros_like(free)
+    cramped = np.zeros_like(free)
+    for step_x, step_y in CARDINAL_STEPS[:4].tolist():
+        cramped |= ~np.roll(free, (step_y, step_x), axis=(0, 1))
+    return cramped & free
 
 
 def _costs(free: NDArray[np.bool_], goal: NDArray[np.bool_], fee: Floats) -> Floats:
@@ -129,8 +149,8 @@ def _mark_lanes(
             )
             right = _reach(free, row, column, step_y, -step_x)
             left = _reach(free, row, column, -step_y, step_x)
-            if left < right:
-                fee[direction, row, column] = WRONG_LANE_COST
+            if left <= right:
+                fee[direction, row, column] = WRONG_LANE_COST if left < right else MIDDLE_LANE_COST
 
 
 def _reach(free: NDArray[np.bool_], row: int, column: int, step_x: int, step_y: int) -> int:
@@ -141,16 +161,25 @@ def _reach(free: NDArray[np.bool_], row: int, column: int, step_x: int, step_y: 
     return count
 
 
-def _mouths(gate: Integers, free: NDArray[np.bool_]) -> Integers:
-    """Return the number of the gated tunnel whose mouth lies within two cells of a cell outside, or -1."""
-    mouth = np.full(gate.shape, -1)
+def _straight_ahead_is_near(gate: Integers, free: NDArray[np.bool_]) -> Floats:
+    """Return fees that make the cells straight ahead of a gated tunnel's mouth count half."""
+    fee = np.ones(gate.shape)
+    for row, column in np.argwhere(gate >= 0).tolist():
+        for step_x, step_y in CARDINAL_STEPS[:4].tolist():
+            y, x = row + step_y, column + step_x
+            while free[y, x] and gate[y, x] < 0:
+                fee[y, x] = 0.5
+                y, x = y + step_y, x + step_x
+    return fee
+
+
+def _mouths(gate: Integers, free: NDArray[np.bool_], distance: Floats) -> Integers:
+    """Return the number of the gated tunnel that a cell outside is within `MOUTH_REACH` of, or -1."""
     reach = gate.copy()
-    for _ in range(2):
+    for _ in range(2 * int(MOUTH_REACH)):
         grown = reach.copy()
         for step_x, step_y in CARDINAL_STEPS[:4].tolist():
             moved = np.roll(reach, (step_y, step_x), axis=(0, 1))
             grown = np.where((grown < 0) & free, moved, grown)
         reach = grown
-    outside = (reach >= 0) & (gate < 0)
-    mouth[outside] = reach[outside]
-    return mouth
+    return np.where((gate < 0) & (distance <= MOUTH_REACH), reach, -1)

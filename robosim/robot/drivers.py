@@ -16,6 +16,12 @@ from robosim.robot.sheet import RobotSheet
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+JAMMED_TURN = 0.3
+"""A turn on the spot that makes less than this share of its commanded angle is jammed."""
+WIGGLE_SPEED = 0.5
+"""Speed at which a jammed robot backs out of the jam, as a share of the top speed."""
+WIGGLE_PERIODS = 4
+"""Control periods that it backs, before it tries forward for as many."""
 ActionKind = Literal["cardinal", "wheels"]
 ACTION_KINDS: tuple[ActionKind, ...] = ("cardinal", "wheels")
 NUM_ACTIONS = 5
@@ -60,6 +66,10 @@ ACTION_NAMES: dict[str, tuple[str, ...]] = {
 class Driver(Protocol):
     """Turns the actions of one decision into wheel speeds, one control period at a time."""
 
+    def reset(self, env: int, pose: Floats) -> None:
+        """Forget what was in one environment; `pose` is [envs, robots, 3]."""
+        ...
+
     def begin(self, pose: Floats, actions: Integers) -> None:
         """Take the decision's actions [envs, robots] at the poses [envs, robots, 3]."""
         ...
@@ -73,7 +83,8 @@ class CardinalDriver:
     """Turns toward the centre of the neighbouring cell and drives there, stopping for nobody.
 
     The target is fixed when the decision begins, so a robot that follows one direction is drawn to
-    the middle of its row or column of cells.
+    the middle of its row or column of cells. A robot whose turn is jammed, its pellet or its tail
+    against a wall, backs and advances in turn until it is free.
     """
 
     def __init__(self, sheet: RobotSheet, cell_size: float, control_period: float) -> None:
@@ -83,6 +94,17 @@ class CardinalDriver:
         self._half_base = 0.5 * sheet.wheel_base
         self._target = np.empty(0)
         self._halt = np.empty(0, dtype=np.bool_)
+        self._jam = np.zeros(0, dtype=np.int64)
+        self._last_heading = np.zeros(0)
+        self._last_turn = np.zeros(0)
+
+    def reset(self, env: int, pose: Floats) -> None:
+        if self._jam.shape != pose.shape[:2]:
+            self._jam = np.zeros(pose.shape[:2], dtype=np.int64)
+            self._last_heading = pose[..., 2].copy()
+            self._last_turn = np.zeros(pose.shape[:2])
+        self._jam[env] = 0
+        self._last_turn[env] = 0.0
 
     def begin(self, pose: Floats, actions: Integers) -> None:
         cells = np.floor(pose[..., :2] * (1.0 / self._cell))
@@ -98,7 +120,14 @@ class CardinalDriver:
         rate = np.minimum(np.maximum(rate, -sheet.top_turn_rate), sheet.top_turn_rate)
         # What turning leaves of the wheels' speed goes into driving, once the robot faces the cell.
         speed = sheet.top_speed - self._half_base * np.abs(rate)
-        speed[on_the_spot] = 0.0
+        turned = np.abs(wrap_angle(pose[..., 2] - self._last_heading))
+        jammed = on_the_spot & (turned < JAMMED_TURN * self._last_turn)
+        self._jam = np.where(on_the_spot, self._jam + jammed, 0)
+        back = np.where((self._jam - 1) // WIGGLE_PERIODS % 2 == 0, -1.0, 1.0)
+        wiggle = np.where(self._jam > 0, (WIGGLE_SPEED * sheet.top_speed) * back, 0.0)
+        speed = np.where(on_the_spot, wiggle, speed)
+        self._last_heading = pose[..., 2].copy()
+        self._last_turn = np.where(on_the_spot & ~self._halt, np.abs(rate) * self._period, 0.0)
         speed[self._halt] = 0.0
         rate[self._halt] = 0.0
         return wheel_speeds_for(sheet, speed, rate)
@@ -111,6 +140,9 @@ class WheelsDriver:
         top = sheet.max_wheel_speed
         self._table = np.array([[top, top], [-top, -top], [-top, top], [top, -top], [0.0, 0.0]])
         self._speeds = np.empty(0)
+
+    def reset(self, env: int, pose: Floats) -> None:
+        """Nothing is remembered between decisions."""
 
     def begin(self, pose: Floats, actions: Integers) -> None:
         self._speeds = self._table[actions]

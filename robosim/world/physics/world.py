@@ -109,6 +109,7 @@ class PhysicsWorld:
         self._rank_slot[env] = np.argsort(listed)
         self._listed_ids[env] = np.sort(listed)
         state.pose[env] = draws.robot_pose
+        self._driver.reset(env, state.pose)
         self._slots[env, :-1] = draws.pellet_place
         state.pellets[env] = draws.pellet_place
         self._feel_pellets()
