@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from rerun.chunk import RrdReader
 from robosim.errors import InputError
 
 APPLICATION = "robosim"
+_LEAST_SPACE = 1_000_000
 
 
 @contextlib.contextmanager
@@ -28,6 +31,7 @@ def recording_file(path: Path, blueprint: rrb.Blueprint, name: str) -> Iterator[
     rr.set_strict_mode(True)
     finished = False
     try:
+        require_space(part.parent, _LEAST_SPACE)
         with rr.RecordingStream(APPLICATION) as stream:
             stream.save(part, default_blueprint=blueprint)
             stream.send_recording_name(name)
@@ -58,6 +62,19 @@ def _reserve(path: Path) -> Path:
             "name a file in an existing folder that you may write to."
         ) from error
     return part
+
+
+def require_space(folder: Path, size: int) -> None:
+    """Raise OSError unless the disk of `folder` has room for `size` more bytes.
+
+    To be asked before data is handed over, for rerun 0.41 can wait for ever when a full disk stops its writer.
+    """
+    free = shutil.disk_usage(folder).free
+    if free < size:
+        sentence = (
+            f"the disk is full: the recording needs {size / 1e6:.0f} MB more, {free / 1e6:.0f} MB are free"
+        )
+        raise OSError(errno.ENOSPC, sentence, str(folder))
 
 
 def _check_footer(part: Path) -> None:

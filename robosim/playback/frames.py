@@ -60,6 +60,11 @@ class FrameColumns:
         self.rows = row + 1
         return self.rows == ROWS
 
+    @property
+    def nbytes(self) -> int:
+        """Size of all arrays."""
+        return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
+
     def clear(self) -> None:
         """Forget the frames, keep the memory."""
         self.rows = self.pictures = self.contacts = 0

@@ -12,7 +12,7 @@ from robosim.arena.model import Arena
 from robosim.envs.frame import Frame
 from robosim.playback import entities
 from robosim.playback.blueprint import make_blueprint
-from robosim.playback.file import recording_file
+from robosim.playback.file import recording_file, require_space
 from robosim.playback.frames import FrameColumns
 from robosim.playback.scene import send_scene
 from robosim.playback.writer import FrameWriter
@@ -21,8 +21,9 @@ from robosim.playback.writer import FrameWriter
 class Recorder:
     """Takes the frames of one episode; `recording` makes one."""
 
-    def __init__(self, writer: FrameWriter, frames: FrameColumns) -> None:
+    def __init__(self, writer: FrameWriter, frames: FrameColumns, folder: Path) -> None:
         self._writer = writer
+        self._folder = folder
         self._frames = frames
         self._last_step = -1
 
@@ -37,7 +38,9 @@ class Recorder:
             self.flush()
 
     def flush(self) -> None:
-        """Hand what has been added to the file's writer."""
+        """Hand what has been added to the file's writer; raises OSError if the disk has no room for it."""
+        # In memory it is larger than in the file.
+        require_space(self._folder, self._frames.nbytes)
         self._writer.write(self._frames)
         self._frames.clear()
 
@@ -66,7 +69,7 @@ def recording(
         send_scene(stream, arena, robots)
         _send_about(stream, arena, facts)
         frames = FrameColumns(robots, arena.pellets.count, (arena.rows, arena.columns))
-        recorder = Recorder(FrameWriter(stream, arena, robots), frames)
+        recorder = Recorder(FrameWriter(stream, arena, robots), frames, Path(path).parent)
         yield recorder
         recorder.flush()
 

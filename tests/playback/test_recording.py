@@ -1,0 +1,322 @@
+"""Recordings read back and compared with the frames they were made of."""
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from robosim.arena import load_arena
+from robosim.discretise.modes import Mode
+from robosim.envs.frame import Frame
+from robosim.playback import palette, recording
+from robosim.playback.frames import PHEROMONE_STEPS, ROWS
+from robosim.playback.scene import level_of_occupancy, occupancy_of_level
+from robosim.playback.writer import HEADING_GRID, LOG_PAUSE, POSITION_GRID, REWARD_STEPS
+from robosim.world.contacts import Contacts
+
+ROBOTS = 3
+STEPS = ROWS + 150
+PERIOD = 0.3
+
+
+def _frames(arena):
+    """Frames of no particular physics, in which everything that a recording holds changes now and then."""
+    rng = np.random.default_rng(5)
+    count = arena.pellets.count
+    pose = rng.uniform(0.2, 1.0, (ROBOTS, 3))
+    mode = np.zeros(ROBOTS, dtype=np.uint8)
+    pellets = rng.uniform(0.2, 1.0, (count, 2))
+    status = np.zeros(count, dtype=np.uint8)
+    delivered = np.zeros(ROBOTS, dtype=np.int64)
+    density = 0.0
+    frames = []
+    for step in range(STEPS):
+        pose = pose + (rng.random(ROBOTS) < 0.6)[:, None] * rng.normal(0.0, 0.02, (ROBOTS, 3))
+        mode = np.where(rng.random(ROBOTS) < 0.05, rng.integers(0, len(Mode), ROBOTS), mode).astype(np.uint8)
+        pellets = pellets + (rng.random((count, 1)) < 0.01) * rng.normal(0.0, 0.0008, (count, 2))
+        status = np.where(rng.random(count) < 0.002, rng.integers(0, 3, count), status).astype(np.uint8)
+        delivered = delivered + (step > 0) * (rng.random(ROBOTS) < 0.01)
+        density = round(rng.random(), 1) if rng.random() < 0.1 else density
+        touching = int(rng.integers(0, 4)) if rng.random() < 0.3 else 0
+        a = rng.integers(0, ROBOTS, touching)
+        contacts = Contacts(
+            env=np.zeros(touching, dtype=np.int64),
+            time=np.full(touching, (step - 0.5) * PERIOD),
+            kind=rng.integers(0, 3, touching).astype(np.uint8),
+            a=a,
+            b=(a + 1) % ROBOTS,
+            position=rng.uniform(0.2, 1.0, (touching, 2)),
+            impulse=rng.exponential(0.08, touching),
+        )
+        frames.append(
+            Frame(
+                step=step,
+                time=step * PERIOD,
+                pose=pose,
+                mode=mode,
+                laden=rng.random(ROBOTS) < 0.5,
+                action=np.zeros(ROBOTS, dtype=np.int64),
+                reward=rng.normal(size=ROBOTS).astype(np.float32),
+                pellets=pellets,
+                pellet_status=status,
+                delivered=delivered,
+                density=density,
+                pheromone=rng.random((arena.rows, arena.columns)),
+                contacts=contacts,
+            )
+        )
+    return frames
+
+
+class Recorded:
+    """What a file holds, by entity path: changing rows in the order of time, and static values."""
+
+    def __init__(self, path):
+        self.static, chunks = {}, {}
+        for chunk in RrdReader(path).stream():
+            batch = chunk.to_record_batch()
+            columns = {
+                name: batch.column(name) for name in batch.schema.names if not name.startswith("rerun")
+            }
+            if chunk.is_static:
+                values = {name: column.to_pylist()[0] for name, column in columns.items()}
+                self.static.setdefault(chunk.entity_path, {}).update(values)
+            else:
+                assert set(chunk.timeline_names) == {"step", "sim_time"}
+                chunks.setdefault(chunk.entity_path, []).append(columns)
+        self.rows = {path: self._joined(parts) for path, parts in chunks.items()}
+
+    def _joined(self, parts):
+        joined = {"step": np.concatenate([part["step"].to_numpy() for part in parts])}
+        nanoseconds = [part["sim_time"].to_numpy(zero_copy_only=False).astype(np.int64) for part in parts]
+        joined["sim_time"] = np.concatenate(nanoseconds) / 1e9
+        order = np.lexsort((joined["sim_time"], joined["step"]))
+        joined = {name: values[order] for name, values in joined.items()}
+        for name in parts[0]:
+            if ":" in name or name not in joined:
+                values = [value for part in parts for value in part[name].to_pylist()]
+                joined[name] = [values[index] for index in order]
+        return joined
+
+    def shown(self, path, name):
+        """Return for every step the value that the viewer shows: that of the last row up to it."""
+        rows = self.rows[path]
+        latest = np.searchsorted(rows["step"], np.arange(STEPS), side="right") - 1
+        assert latest[0] == 0, "shown from the first step on"
+        return [rows[name][index] for index in latest]
+
+
+@pytest.fixture(scope="module")
+def arena():
+    return load_arena("paper")
+
+
+@pytest.fixture(scope="module")
+def frames(arena):
+    return _frames(arena)
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory, arena, frames):
+    path = tmp_path_factory.mktemp("playback") / "run.rrd"
+    with recording(path, arena, robots=ROBOTS, about={"policy": "none", "seed": "5"}) as recorder:
+        for frame in frames:
+            recorder.add(frame)
+    return path
+
+
+@pytest.fixture(scope="module")
+def recorded(file):
+    return Recorded(file)
+
+
+def test_file_holds_one_recording_and_one_blueprint(file):
+    reader = RrdReader(file)
+    assert [store.application_id for store in reader.recordings()] == ["robosim"]
+    assert [store.application_id for store in reader.blueprints()] == ["robosim"]
+
+
+def test_entities_are_the_documented_ones(recorded):
+    robots = [f"/arena/robots/{robot}" for robot in range(ROBOTS)]
+    changing = {
+        *robots,
+        *(f"{path}/{part}" for path in robots for part in ("body", "outline")),
+        *(f"/modes/robot_{robot}" for robot in range(ROBOTS)),
+        "/arena/pellets/loose",
+        "/arena/pellets/held",
+        "/arena/pheromone",
+        "/arena/contacts",
+        "/plots/delivered",
+        "/plots/delivered_by_robot",
+        "/plots/tunnel_density",
+        "/plots/reward",
+        "/log/collisions",
+        "/log/deliveries",
+    }
+    assert set(recorded.rows) == changing
+    still = {
+        "/arena",
+        "/arena/map",
+        "/arena/walls",
+        "/arena/zones",
+        "/about",
+        "/legend/swatches",
+        "/legend/names",
+    }
+    assert still <= set(recorded.static)
+    assert recorded.static["/__properties/robosim"]["seed"] == ["5"]
+
+
+def test_time_of_every_row_is_that_of_its_step(recorded):
+    for path, rows in recorded.rows.items():
+        if path != "/log/collisions":
+            assert rows["sim_time"] == pytest.approx(rows["step"] * PERIOD, abs=1e-9)
+
+
+def test_robots_are_shown_where_they_are(recorded, frames):
+    pose = np.array([frame.pose for frame in frames])
+    for robot in range(ROBOTS):
+        path = f"/arena/robots/{robot}"
+        place = np.array(recorded.shown(path, "Transform3D:translation"))[:, 0]
+        x, y, z, w = np.array(recorded.shown(path, "Transform3D:quaternion"))[:, 0].T
+        assert np.abs(place[:, :2] - pose[:, robot, :2]).max() <= POSITION_GRID * 1.01
+        assert not place[:, 2].any()
+        assert not x.any()
+        assert not y.any()
+        turn = 2.0 * np.arctan2(z, w) - pose[:, robot, 2]
+        assert np.abs(np.arctan2(np.sin(turn), np.cos(turn))).max() <= HEADING_GRID * 1.01
+        resting = np.flatnonzero((pose[1:, robot] == pose[:-1, robot]).all(axis=1)) + 1
+        assert not np.isin(resting, recorded.rows[path]["step"]).any(), "a robot at rest costs no row"
+
+
+def test_modes_and_loads_are_written_when_they_change_and_only_then(recorded, frames):
+    mode = np.array([frame.mode for frame in frames])
+    laden = np.array([frame.laden for frame in frames])
+    for robot in range(ROBOTS):
+        changes = np.flatnonzero(np.append(True, mode[1:, robot] != mode[:-1, robot]))
+        styles = [palette.MODES[Mode(code)] for code in mode[changes, robot]]
+        lane = recorded.rows[f"/modes/robot_{robot}"]
+        assert lane["step"].tolist() == changes.tolist()
+        assert lane["StateChange:state"] == [[style.label] for style in styles]
+        body = recorded.rows[f"/arena/robots/{robot}/body"]
+        assert body["step"].tolist() == changes.tolist()
+        assert body["LineStrips2D:colors"] == [[_rgba(style.colour)] for style in styles]
+        configured = recorded.static[f"/modes/robot_{robot}"]
+        assert configured["StateConfiguration:values"] == [palette.MODES[code].label for code in Mode]
+        outline = recorded.shown(f"/arena/robots/{robot}/outline", "LineStrips2D:colors")
+        colours = [palette.HELD_PELLET.colour if load else palette.OUTLINE for load in laden[:, robot]]
+        assert outline == [[_rgba(colour)] for colour in colours]
+
+
+@pytest.mark.parametrize(("name", "status"), [("loose", 0), ("held", 1)])
+def test_pellets_are_shown_where_they_are(recorded, frames, name, status):
+    shown = recorded.shown(f"/arena/pellets/{name}", "Points2D:positions")
+    for frame, places in zip(frames, shown, strict=True):
+        expected = frame.pellets[frame.pellet_status == status]
+        assert len(places) == len(expected)
+        if len(expected):
+            assert np.abs(np.array(places) - expected).max() <= POSITION_GRID * 1.01
+    assert len(recorded.rows[f"/arena/pellets/{name}"]["step"]) < STEPS
+
+
+def test_contacts_are_shown_in_their_decision_and_then_taken_away(recorded, frames):
+    rows = recorded.rows["/arena/contacts"]
+    touching = [len(frame.contacts.impulse) > 0 for frame in frames]
+    over = [now < before for now, before in zip(touching[1:], touching[:-1], strict=True)]
+    assert rows["step"].tolist() == np.flatnonzero(np.array(touching) | [False, *over]).tolist()
+    for index, step in enumerate(rows["step"]):
+        contacts = frames[step].contacts
+        assert rows["impulse"][index] == pytest.approx(contacts.impulse, rel=1e-6)
+        assert rows["Points2D:class_ids"][index] == contacts.kind.tolist()
+        assert np.array(rows["Points2D:positions"][index]).reshape(-1, 2) == pytest.approx(contacts.position)
+        order = np.argsort(contacts.impulse)
+        assert (np.diff(np.array(rows["Points2D:radii"][index])[order]) >= 0.0).all(), "harder is larger"
+
+
+def test_pheromone_is_shown_every_few_decisions_in_the_shade_of_its_occupancy(recorded, frames, arena):
+    rows = recorded.rows["/arena/pheromone"]
+    assert rows["step"].tolist() == list(range(0, STEPS, PHEROMONE_STEPS))
+    for step, buffer, form in zip(
+        rows["step"], rows["SegmentationImage:buffer"], rows["SegmentationImage:format"], strict=True
+    ):
+        assert (form[0]["width"], form[0]["height"]) == (arena.columns, arena.rows)
+        shades = np.array(buffer[0]).reshape(arena.rows, arena.columns)
+        occupancy = frames[step].pheromone.astype(np.float32)
+        assert (shades == level_of_occupancy(occupancy)).all()
+        assert occupancy_of_level(shades) == pytest.approx(occupancy, abs=0.06)
+
+
+def test_plots_hold_what_the_frames_hold(recorded, frames):
+    delivered = np.array([frame.delivered for frame in frames])
+    team = recorded.shown("/plots/delivered", "Scalars:scalars")
+    assert np.array(team)[:, 0].tolist() == delivered.sum(axis=1).tolist()
+    each = recorded.shown("/plots/delivered_by_robot", "Scalars:scalars")
+    assert np.array(each).tolist() == delivered.tolist()
+    density = recorded.shown("/plots/tunnel_density", "Scalars:scalars")
+    assert np.array(density)[:, 0].tolist() == [frame.density for frame in frames]
+    for path in ("/plots/delivered", "/plots/tunnel_density", "/plots/reward"):
+        assert recorded.rows[path]["step"][-1] == STEPS - 1, "lines reach the end of the run"
+    reward = np.array([frame.reward.mean(dtype=np.float64) for frame in frames])
+    for step, mean in zip(
+        recorded.rows["/plots/reward"]["step"], recorded.rows["/plots/reward"]["Scalars:scalars"], strict=True
+    ):
+        assert mean[0] == pytest.approx(reward[step + 1 - REWARD_STEPS : step + 1].mean())
+
+
+def test_every_delivery_has_its_line(recorded, frames):
+    delivered = np.array([frame.delivered for frame in frames])
+    steps, robots = np.nonzero(np.diff(delivered, axis=0))
+    rows = recorded.rows["/log/deliveries"]
+    lines = [
+        [f"{robot} brings home pellet {delivered[step + 1].sum()}"]
+        for step, robot in zip(steps, robots, strict=True)
+    ]
+    assert rows["step"].tolist() == (steps + 1).tolist()
+    assert rows["TextLog:text"] == lines
+
+
+def test_hard_contacts_of_robots_have_lines_at_their_time_unless_one_was_just_written(
+    recorded, frames, arena
+):
+    hard = arena.robot.mass * arena.robot.top_speed
+    expected, last = [], {}
+    for frame in frames:
+        contacts = frame.contacts
+        for kind, a, b, time, impulse in zip(
+            contacts.kind, contacts.a, contacts.b, contacts.time, contacts.impulse, strict=True
+        ):
+            pair = tuple(sorted((int(a), int(b))))
+            if kind == 0 and impulse >= hard:
+                if time - last.get(pair, -np.inf) > LOG_PAUSE:
+                    expected.append((round(float(time), 6), f"{a} and {b} hit each other, {impulse:.3f} N s"))
+                last[pair] = time
+    rows = recorded.rows["/log/collisions"]
+    found = [
+        (round(time, 6), text[0]) for time, text in zip(rows["sim_time"], rows["TextLog:text"], strict=True)
+    ]
+    assert sorted(found) == sorted(expected)
+    assert len(expected) > 10
+
+
+def test_a_second_episode_is_refused_and_leaves_no_file(tmp_path, arena, frames):
+    def record():
+        with recording(tmp_path / "run.rrd", arena, robots=ROBOTS) as recorder:
+            for frame in (frames[0], frames[1], frames[0]):
+                recorder.add(frame)
+
+    with pytest.raises(ValueError, match="step 0 does not follow step 1: a recording holds one episode"):
+        record()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_of_no_frames_is_a_recording_of_the_arena(tmp_path, arena):
+    path = tmp_path / "run.rrd"
+    with recording(path, arena, robots=ROBOTS):
+        pass
+    recorded = Recorded(path)
+    assert recorded.rows == {}
+    assert "/arena/map" in recorded.static
+
+
+def _rgba(colour):
+    red, green, blue = colour
+    return (red << 24) | (green << 16) | (blue << 8) | 255
