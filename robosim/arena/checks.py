@@ -36,6 +36,7 @@ def drawing_mistakes(lines: list[str]) -> Iterator[str]:
         )
         return
     width = len(lines[0])
+    ragged = any(len(line) != width for line in lines)
     for row, line in enumerate(lines, 1):
         if len(line) != width:
             yield f"map row {row} has {len(line)} cells, but row 1 has {width}; all must have as many."
@@ -47,7 +48,8 @@ def drawing_mistakes(lines: list[str]) -> Iterator[str]:
                     "H (home), S (source) or T (tunnel)."
                 )
                 break
-    yield from _border_mistakes(lines)
+    if not ragged:
+        yield from _border_mistakes(lines)
 
 
 def _border_mistakes(lines: list[str]) -> Iterator[str]:

@@ -47,10 +47,10 @@ def _exists(path: Path) -> bool:
 
 def _read(path: Path) -> str:
     try:
-        if path.is_dir():
-            raise InputError(f"{path}: this is a directory; give the arena file (.toml) itself.")
         with path.open("rb") as file:
             data = file.read(_MOST_BYTES + 1)
+    except IsADirectoryError:
+        raise InputError(f"{path}: this is a directory; give the arena file (.toml) itself.") from None
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such arena file.") from None
     except (OSError, ValueError) as error:

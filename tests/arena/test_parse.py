@@ -1,0 +1,277 @@
+import time
+
+import pytest
+from hypothesis import given, settings
+
+from robosim.arena import arena_names, load_arena, parse_arena
+from robosim.errors import InputError
+from tests.strategies.arenas import arena_or_none, arena_texts, damaged_texts
+
+GOOD = '''name = "small"
+cell_size = 0.15
+map = """
+##########
+#HH....SS#
+#HH####SS#
+#HHTTTTSS#
+##########
+"""
+
+[robot]
+mass = 0.4
+
+[pellets]
+count = 20
+
+[timing]
+substeps = 6
+
+[start]
+poses = []
+
+[randomisation]
+traction = [0.9, 1.1]
+'''
+
+
+def refusal(text: str) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        parse_arena(text, "a.toml")
+    return str(caught.value).split("\n")
+
+
+def test_the_good_file_is_good() -> None:
+    arena = parse_arena(GOOD, "a.toml")
+    assert (arena.name, arena.rows, arena.columns, arena.tunnel_length) == ("small", 5, 10, 4)
+    assert arena.randomisation.traction == (0.9, 1.1)
+    assert arena.text == GOOD
+
+
+FACTORS = "two factors [low, high], each a number from 0.1 to 10"
+POSES = "at most 500 poses [x m, y m, heading rad], three numbers each"
+MISTAKES = [
+    # values
+    ("mass = 0.4", "mass = -1", "robot.mass is -1, but must be a number from 0.01 to 100 kg."),
+    ("mass = 0.4", "mass = nan", "robot.mass is nan, but must be a number from 0.01 to 100 kg."),
+    ("mass = 0.4", "mass = inf", "robot.mass is inf, but must be a number from 0.01 to 100 kg."),
+    ("mass = 0.4", 'mass = "0.4"', 'robot.mass is "0.4", but must be a number from 0.01 to 100 kg.'),
+    ("mass = 0.4", "mass = true", "robot.mass is true, but must be a number from 0.01 to 100 kg."),
+    ("mass = 0.4", "mas = 0.4", "robot.mas is not a key of an arena file: did you mean mass?"),
+    ("mass = 0.4", 'shape = "ball"', 'robot.shape is "ball", but must be "circle", "capsule" or "box".'),
+    ("count = 20", "count = 20.0", "pellets.count is 20.0, but must be a whole number from 1 to 2000."),
+    ("count = 20", "count = 0", "pellets.count is 0, but must be a whole number from 1 to 2000."),
+    (
+        "count = 20",
+        f"count = {'9' * 40}",
+        "pellets.count is a whole number of more than 30 digits, but must be a whole number from 1 to 2000.",
+    ),
+    ("substeps = 6", "substeps = 0", "timing.substeps is 0, but must be a whole number from 1 to 200."),
+    ("[0.9, 1.1]", "[0.0, 20]", f"randomisation.traction is [0.0, 20], but must be {FACTORS}."),
+    ("[0.9, 1.1]", "1.0", f"randomisation.traction is 1.0, but must be {FACTORS}."),
+    (
+        "[0.9, 1.1]",
+        "[1.1, 0.9]",
+        "randomisation.traction is [1.1, 0.9], but the first must be at most the second.",
+    ),
+    ("poses = []", "poses = [[1, 2]]", f"start.poses is [[1, 2]], but must be {POSES}."),
+    ("poses = []", 'zone = "wall"', 'start.zone is "wall", but must be "home", "floor" or "tunnel".'),
+    ("[timing]", "[tuming]", "tuming is not a key of an arena file: did you mean timing?"),
+    ("cell_size = 0.15", "", "cell_size is missing; it must be a number from 0.01 to 2 m."),
+    (
+        "cell_size = 0.15",
+        "cell_size = 0.15\nrobots = 3",
+        "robots is not a key of an arena file: did you mean robot?",
+    ),
+    (
+        'name = "small"',
+        "name = 3",
+        "name is 3, but must be 1 to 60 letters, digits, spaces, dots, dashes or underscores.",
+    ),
+    (
+        'name = "small"',
+        'name = "small"\ndescription = "\\u001b[31m"',
+        'description is "\\u001b[31m", but must be at most 2000 printable characters.',
+    ),
+    # map
+    (
+        "TTTT",
+        "TxTT",
+        'map row 4, column 5 is "x", but must be # (wall), . (floor), H (home), S (source) or T (tunnel).',
+    ),
+    ("#HH....SS#", "#HH....SS", "map row 2 has 9 cells, but row 1 has 10; all must have as many."),
+    ("####SS#", "####SS.", "map has a hole in its border at row 3, column 10; it must be # there."),
+    (
+        "##########\n#HH",
+        "##......##\n#HH",
+        "map has a hole in its border at row 1, column 3 (and at 5 more cells); it must be # there.",
+    ),
+    ("H", ".", "map has no home (H) cell, but needs at least one."),
+    ("S", ".", "map has no source (S) cell, but needs at least one."),
+    (
+        "#HH....SS#\n#HH####SS#\n#HHTTTTSS#",
+        "#HH..##SS#\n#HH####SS#\n#HHTT##SS#",
+        "map has no way from home (H) to the source (S); free cells must join them edge to edge.",
+    ),
+    (
+        "#HH....SS#\n#HH####SS#",
+        "#HH.###S##\n#HH#####S#",
+        (
+            "map row 2, column 8 is source (S), but is cut off by walls; all home and source cells must be "
+            "joined by free cells."
+        ),
+    ),
+    # what must go together
+    ("mass = 0.4", "width = 0.1", "robot.width is 0.1, but must equal robot.length (0.11) of a circle."),
+    (
+        "mass = 0.4",
+        'shape = "box"\nwidth = 0.12',
+        "robot.width is 0.12, but must be at most robot.length (0.11).",
+    ),
+    (
+        "mass = 0.4",
+        "width = 0.15\nlength = 0.15",
+        "robot.width is 0.15, but must be less than 0.15 m, the width of the way from home to the source.",
+    ),
+    (
+        "mass = 0.4",
+        'shape = "capsule"\nlength = 0.5',
+        'start.zone is "home", but that zone has no room for a robot that turns within 0.5 m.',
+    ),
+    (
+        "substeps = 6",
+        "substeps = 1",
+        (
+            "timing.control_period / timing.substeps is 0.1 s, but must be at most 0.025 s, in which a robot "
+            "drives pellets.radius / 4 at its top speed (0.2 m/s)."
+        ),
+    ),
+    (
+        "mass = 0.4",
+        "wheel_base = 0.01",
+        (
+            "timing.control_period / timing.substeps is 0.01667 s, but must be at most 0.00625 s, in which a "
+            "robot turns 0.25 rad at its top rate (40 rad/s)."
+        ),
+    ),
+    (
+        "substeps = 6",
+        "control_period = 0.07",
+        "timing.decision_period is 0.3, but must be a whole multiple of timing.control_period (0.07).",
+    ),
+    (
+        "substeps = 6",
+        "decision_period = 10.0\nsubsteps = 60",
+        "timing.substeps is 60, but may be at most 50: a decision may have at most 5000 substeps.",
+    ),
+    (
+        "count = 20",
+        "count = 2000",
+        (
+            "pellets.count is 2000, but must be at most 63: the source (S) has no room for more pellets of "
+            "radius 0.02 m."
+        ),
+    ),
+    (
+        "poses = []",
+        "poses = [[0.3, 0.4, 0.0], [0.3, 0.5, 1.0]]",
+        "start.poses[1] is [0.3, 0.5, 1.0], but there the robot touches that of start.poses[0].",
+    ),
+    (
+        "poses = []",
+        "poses = [[0.2, 0.4, 0.0]]",
+        "start.poses[0] is [0.2, 0.4, 0.0], but there the robot touches a wall.",
+    ),
+    (
+        "poses = []",
+        "poses = [[900.0, -900, 0]]",
+        "start.poses[0] is [900.0, -900.0, 0.0], but there the robot touches a wall.",
+    ),
+]
+
+
+@pytest.mark.parametrize(("good", "bad", "sentence"), MISTAKES)
+def test_one_mistake_is_one_sentence(good: str, bad: str, sentence: str) -> None:
+    assert good in GOOD
+    assert refusal(GOOD.replace(good, bad)) == [f"a.toml: {sentence}"]
+
+
+def test_several_mistakes_are_reported_together() -> None:
+    text = (
+        GOOD.replace("mass = 0.4", "mas = 1\nlength = 9")
+        .replace("TTTT", "TTxT")
+        .replace("count = 20", "count = 0")
+    )
+    assert refusal(text) == [
+        "a.toml: robot.length is 9, but must be a number from 0.01 to 2 m.",
+        "a.toml: robot.mas is not a key of an arena file: did you mean mass?",
+        "a.toml: pellets.count is 0, but must be a whole number from 1 to 2000.",
+        (
+            'a.toml: map row 4, column 6 is "x", but must be # (wall), . (floor), H (home), S (source) '
+            "or T (tunnel)."
+        ),
+    ]
+
+
+def test_what_does_not_go_together_is_reported_together() -> None:
+    text = (
+        GOOD.replace("substeps = 6", "substeps = 1")
+        .replace("[0.9, 1.1]", "[2, 1]")
+        .replace("count = 20", "count = 70")
+    )
+    assert [sentence.split()[1] for sentence in refusal(text)] == [
+        "randomisation.traction",
+        "timing.control_period",
+        "pellets.count",
+    ]
+
+
+def test_a_big_map_is_refused() -> None:
+    rows = ["#" * 201, *["#HS" + "." * 197 + "#"] * 3, "#" * 201]
+    text = GOOD[: GOOD.index("####")] + "\n".join(rows) + '\n"""\n'
+    assert refusal(text) == [
+        "a.toml: map has 5 rows and up to 201 columns, but may have at most 200 of each."
+    ]
+
+
+@pytest.mark.parametrize(
+    "text", ["[[[", "a = ", "x" * 1000, "[" * 100_000, "a = " + "[" * 5000, f"a = {'9' * 9000}"]
+)
+def test_what_is_not_toml_is_refused(text: str) -> None:
+    (sentence,) = refusal(text)
+    assert sentence.startswith("a.toml: this is not TOML: ")
+
+
+def test_windows_line_ends_make_no_difference() -> None:
+    assert (parse_arena(GOOD.replace("\n", "\r\n"), "a").zones == parse_arena(GOOD, "a").zones).all()
+
+
+@pytest.mark.parametrize("name", arena_names())
+def test_shipped_arenas_load_quickly_and_bear_their_name(name: str) -> None:
+    start = time.perf_counter()
+    arena = load_arena(name)
+    assert time.perf_counter() - start < 0.5
+    assert arena.name == name
+    assert arena.description
+    assert arena.capacity >= 16
+
+
+def test_paper_holds_32_robots() -> None:
+    assert load_arena("paper").capacity >= 32
+
+
+def test_robotarium_has_the_real_floor() -> None:
+    arena = load_arena("robotarium")
+    inner = ((arena.columns - 2) * arena.cell_size, (arena.rows - 2) * arena.cell_size)
+    assert inner == pytest.approx((3.2, 2.0))
+
+
+@settings(max_examples=60)
+@given(arena_texts())
+def test_a_drawn_file_loads_or_is_refused(text: str) -> None:
+    arena_or_none(text)
+
+
+@settings(max_examples=150)
+@given(damaged_texts())
+def test_a_damaged_file_loads_or_is_refused(text: str) -> None:
+    arena_or_none(text)
