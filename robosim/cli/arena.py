@@ -92,7 +92,7 @@ class Arena:
         self.do.run()
 
 
-_STYLES = {"#": "white on grey30", "H": "black on light_sky_blue1", "S": "black on wheat1"}
+_STYLES = {"#": "white on bright_black", "H": "black on bright_cyan", "S": "black on bright_yellow"}
 _WIDTH_PIPED = 220
 """Wider than any map, so that nothing that is piped is wrapped."""
 
