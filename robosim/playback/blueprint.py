@@ -91,6 +91,10 @@ def _legend_view() -> rrb.Spatial2DView:
 
 
 def _plot(name: str, path: str, *, legend: bool) -> rrb.TimeSeriesView:
+    whole = rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
     return rrb.TimeSeriesView(
-        origin=path, name=name, plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
+        origin=path,
+        name=name,
+        axis_x=rrb.TimeAxis(view_range=whole),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
     )

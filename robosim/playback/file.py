@@ -67,7 +67,7 @@ def _reserve(path: Path) -> Path:
 def require_space(folder: Path, size: int) -> None:
     """Raise OSError unless the disk of `folder` has room for `size` more bytes.
 
-    To be asked before data is handed over, for rerun 0.41 can wait for ever when a full disk stops its writer.
+    To be asked before data is handed over: a full disk can make rerun 0.41 wait for ever.
     """
     free = shutil.disk_usage(folder).free
     if free < size:

@@ -172,14 +172,17 @@ def _pheromone_shade(level: int) -> tuple[int, int, int, int]:
 
 
 def _zone_names(arena: Arena) -> tuple[list[tuple[float, float]], list[str]]:
+    width, height = arena.size
+    # A name is as high as text is, whatever the arena's scale, and hangs below its point.
+    above = max(0.022 * width, 0.085 * height)
     places, names = [], []
     for zone in (Zone.HOME, Zone.SOURCE, Zone.TUNNEL):
         cells = np.argwhere(arena.zones == zone)
         if len(cells) == 0:
             continue
-        # Above the zone's highest row, where the wall is and robots are not.
+        # In the wall above the zone, where robots are not.
         top = cells[:, 0].max()
         column = cells[cells[:, 0] == top, 1].mean() + 0.5
-        places.append((float(column * arena.cell_size), float((top + 1.5) * arena.cell_size)))
+        places.append((float(column * arena.cell_size), float((top + 1) * arena.cell_size) + above))
         names.append(palette.ZONES[zone].label)
     return places, names

@@ -131,7 +131,9 @@ class FrameWriter:
         self._send(entities.PHEROMONE, frames, frames.picture_row[new], images)
 
     def _write_contacts(self, frames: FrameColumns) -> None:
-        count = frames.contact_count[: frames.rows]
+        # Bodies that only just touch pass nothing on: there is nothing to see.
+        felt = frames.contact_impulse[: frames.contacts] > 0.0
+        count = np.bincount(_row_of_contact(frames)[felt], minlength=frames.rows)
         touching = count > 0
         # A row with nothing in it takes the last contacts away once they are over.
         over = changed_rows(touching, np.array(self._touching)) & ~touching
@@ -139,13 +141,13 @@ class FrameWriter:
         rows = np.flatnonzero(touching | over)
         if len(rows) == 0:
             return
-        impulse = frames.contact_impulse[: frames.contacts]
+        impulse = frames.contact_impulse[: frames.contacts][felt]
         size = np.sqrt(np.minimum(impulse / self._stopping_impulse, 4.0))
         columns = [
             *rr.Points2D.columns(
-                positions=frames.contact_position[: frames.contacts].astype(np.float32),
+                positions=frames.contact_position[: frames.contacts][felt].astype(np.float32),
                 radii=(self._contact_radius * (0.3 + size)).astype(np.float32),
-                class_ids=frames.contact_kind[: frames.contacts].astype(np.uint16),
+                class_ids=frames.contact_kind[: frames.contacts][felt].astype(np.uint16),
             ).partition(count[rows]),
             *rr.AnyValues.columns(impulse=impulse.astype(np.float32)).partition(count[rows]),
         ]
@@ -162,13 +164,14 @@ class FrameWriter:
         new = events[onsets(pair[:, 0] * self._robots + pair[:, 1], time, self._last_hard, LOG_PAUSE)]
         if len(new) == 0:
             return
-        row_of_contact = np.repeat(np.arange(frames.rows), frames.contact_count[: frames.rows])
         text = [
             f"{a} and {b} hit each other, {strength:.3f} N s"
             for (a, b), strength in zip(frames.contact_pair[new].tolist(), impulse[new].tolist(), strict=True)
         ]
         columns = rr.TextLog.columns(text=text, level=["WARN"] * len(text))
-        self._send(entities.COLLISION_LOG, frames, row_of_contact[new], columns, frames.contact_time[new])
+        self._send(
+            entities.COLLISION_LOG, frames, _row_of_contact(frames)[new], columns, frames.contact_time[new]
+        )
 
     def _write_delivered(self, frames: FrameColumns) -> None:
         delivered = frames.delivered[: frames.rows]
@@ -203,6 +206,10 @@ class FrameWriter:
         sums = np.append(0.0, np.cumsum(team))
         mean = (sums[ends] - sums[starts]) / (ends - starts)
         self._send(entities.REWARD, frames, ends - 1, rr.Scalars.columns(scalars=mean))
+
+
+def _row_of_contact(frames: FrameColumns) -> NDArray[np.intp]:
+    return np.repeat(np.arange(frames.rows), frames.contact_count[: frames.rows])
 
 
 def _transforms(pose: NDArray[np.float64]) -> rr.ComponentColumnList:
