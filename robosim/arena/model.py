@@ -55,7 +55,7 @@ class Timing:
     """Time between two decisions of a policy, s."""
     control_period: float = 0.1
     """Time for which wheel speeds are held, s; divides the decision period."""
-    substeps: int = 6
+    substeps: int = 12
     """Physics steps in a control period."""
     episode_steps: int = 5000
     """Decisions in an episode."""

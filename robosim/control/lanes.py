@@ -66,6 +66,9 @@ class LanesController:
         cost = routes.cost[
             heading_out[..., None], row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]
         ]
+        # A long robot that turns in a tunnel wedges itself, so it keeps to the row that it is in.
+        axis = routes.axis[heading_out, row, column]
+        cost = np.where((axis[..., None] >= 0) & (np.arange(4) != axis[..., None]), np.inf, cost)
         here = routes.cost[heading_out, row, column]
         blocked = self._blocked(env, place)
         in_source = (routes.zones[row, column] == Zone.SOURCE) & (heading_out == INBOUND)

@@ -18,7 +18,7 @@ WRONG_LANE_COST = 12.0
 """What a cell of the oncoming lane costs, in cells: taken only where there is no other way."""
 MIDDLE_LANE_COST = 3.0
 """What a cell between the two lanes of a wide tunnel costs, in cells."""
-NEAR_WALL_COST = 3.0
+NEAR_WALL_COST = 10.0
 """What a cell costs, in cells, where the robot has no room to turn."""
 MOUTH_REACH = 3.0
 """How far around the mouth of a one-robot-wide tunnel nobody waits, in cells."""
@@ -31,6 +31,9 @@ class Routes:
 
     cost: Floats
     """[2, rows + 2, columns + 2] cost to the source (inbound) and to the home (outbound); inf in walls."""
+    axis: Integers
+    """[2, rows + 2, columns + 2] the action that follows a tunnel inbound and outbound; -1 outside tunnels, and
+    everywhere for robots that can turn on the spot in a tunnel."""
     zones: NDArray[np.uint8]
     """[rows + 2, columns + 2]."""
     gate: Integers
@@ -77,7 +80,12 @@ def plan_routes(arena: Arena) -> Routes:
         ]
     )
     distance = _costs(free, gate >= 0, _straight_ahead_is_near(gate, free))
-    return Routes(cost, zones, gate, _mouths(gate, free, distance), distance, gates)
+    axis = np.full((2, *zones.shape), -1)
+    if arena.robot.shape != "circle":
+        for direction, plain in ((INBOUND, to_source), (OUTBOUND, to_home)):
+            for row, column in np.argwhere(zones == Zone.TUNNEL).tolist():
+                axis[direction, row, column] = _downhill(plain, row, column)
+    return Routes(cost, axis, zones, gate, _mouths(gate, free, distance), distance, gates)
 
 
 def _cramped(arena: Arena, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -144,13 +152,17 @@ def _mark_lanes(
     """Raise the fee of the left lane, each direction's own left, in a tunnel of two or more cells' width."""
     for direction, cost in ((INBOUND, to_source), (OUTBOUND, to_home)):
         for row, column in np.argwhere(tunnel).tolist():
-            step_x, step_y = min(
-                CARDINAL_STEPS[:4].tolist(), key=lambda step: cost[row + step[1], column + step[0]]
-            )
+            step_x, step_y = CARDINAL_STEPS[_downhill(cost, row, column)].tolist()
             right = _reach(free, row, column, step_y, -step_x)
             left = _reach(free, row, column, -step_y, step_x)
             if left <= right:
                 fee[direction, row, column] = WRONG_LANE_COST if left < right else MIDDLE_LANE_COST
+
+
+def _downhill(cost: Floats, row: int, column: int) -> int:
+    """Return the action toward the neighbour with the least cost."""
+    around = [cost[row + step_y, column + step_x] for step_x, step_y in CARDINAL_STEPS[:4].tolist()]
+    return int(np.argmin(around))
 
 
 def _reach(free: NDArray[np.bool_], row: int, column: int, step_x: int, step_y: int) -> int:

@@ -97,8 +97,8 @@ class DecPomdp:
         self.collisions = np.where(self.mode == was_mode, self.collisions, 0) + self.collided
         self.previous_action = actions.copy()
 
-        goal = 1 - was_laden.astype(np.intp)
-        progress = np.take_along_axis(was_distances - self._distances, goal[..., None], axis=2)[..., 0]
+        gained = was_distances - self._distances
+        progress = np.where(was_laden, gained[..., 0], gained[..., 1])
         reward = rewards(
             self._reward,
             closer=progress > self._closer_by,
@@ -116,12 +116,12 @@ class DecPomdp:
         own = OwnState(
             mode=self.shown_mode,
             laden=self._laden,
-            place=np.clip(state.pose[..., :2] * self._per_size, 0.0, 1.0),
+            place=state.pose[..., :2] * self._per_size,
             heading=state.pose[..., 2],
             offset=self._offset,
             previous_action=self.previous_action,
             collisions=self.collisions,
-            distances=np.clip(self._distances * self._per_farthest, 0.0, 1.0),
+            distances=self._distances * self._per_farthest,
             free_neighbours=(
                 self.grid.free_neighbours(self._cell) if self.layout.encoding == "expanded" else None
             ),
@@ -135,7 +135,7 @@ class DecPomdp:
     def _locate(self, state: WorldState) -> None:
         coordinates = self.grid.cell_coordinates(state.pose[..., :2])
         self._cell = self.grid.flat_index(coordinates)
-        self._offset = np.clip(2.0 * (coordinates - np.floor(coordinates)) - 1.0, -1.0, 1.0)
+        self._offset = 2.0 * (coordinates - np.floor(coordinates)) - 1.0
         self._laden = state.held >= 0
         self._pose = state.pose.copy()
         self._distances = self._arena.distances.sample(state.pose[..., :2])
@@ -146,9 +146,9 @@ class DecPomdp:
 
     def _first_pickups(self, state: WorldState) -> NDArray[np.int64]:
         """Return which robots took a pellet that nobody has been paid for, and mark it as paid."""
-        self._paid &= ~state.fresh
         taken = state.picked >= 0
         first = taken.astype(np.int64)
+        self._paid[state.fresh] = False
         if taken.any():
             envs, robots = np.nonzero(taken)
             pellets = state.picked[envs, robots]

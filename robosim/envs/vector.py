@@ -263,7 +263,7 @@ def _checked_actions(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[np.i
         raise InputError(f"actions: shape {list(array.shape)}; allowed is [envs, robots] = {list(shape)}.")
     if array.dtype.kind not in "iu":
         raise InputError(f"actions: values of type {array.dtype}; allowed are integers from 0 to {NUM_ACTIONS - 1}.")
-    if (array < 0).any() or (array >= NUM_ACTIONS).any():
+    if array.min() < 0 or array.max() >= NUM_ACTIONS:
         wrong = int(array[(array < 0) | (array >= NUM_ACTIONS)][0])
         raise InputError(f"actions: {wrong} is not allowed; allowed are integers from 0 to {NUM_ACTIONS - 1}.")
     return array.astype(np.int64)

@@ -57,6 +57,10 @@ class Wheels(IntEnum):
 CARDINAL_STEPS = np.array([[0, 1], [0, -1], [-1, 0], [1, 0], [0, 0]], dtype=np.int64)
 """[5, 2] steps (columns, rows) of the cardinal actions; rows grow northward."""
 
+CARDINAL_CENTRES = CARDINAL_STEPS + 0.5
+"""[5, 2] centre of the cell that an action leads to, in cells from the corner of the robot's cell."""
+TWO_PI = 2.0 * np.pi
+
 ACTION_NAMES: dict[str, tuple[str, ...]] = {
     "cardinal": ("north", "south", "west", "east", "stop"),
     "wheels": ("forward", "back", "spin left", "spin right", "stop"),
@@ -92,7 +96,8 @@ class CardinalDriver:
         self._cell = cell_size
         self._period = control_period
         self._half_base = 0.5 * sheet.wheel_base
-        self._target = np.empty(0)
+        self._target_x = np.empty(0)
+        self._target_y = np.empty(0)
         self._halt = np.empty(0, dtype=np.bool_)
         self._jam = np.zeros(0, dtype=np.int64)
         self._last_heading = np.zeros(0)
@@ -108,29 +113,45 @@ class CardinalDriver:
 
     def begin(self, pose: Floats, actions: Integers) -> None:
         cells = np.floor(pose[..., :2] * (1.0 / self._cell))
-        self._target = (cells + CARDINAL_STEPS[actions] + 0.5) * self._cell
+        cells += CARDINAL_CENTRES[actions]
+        cells *= self._cell
+        self._target_x = cells[..., 0]
+        self._target_y = cells[..., 1]
         self._halt = actions == STOP
 
     def wheel_speeds(self, pose: Floats) -> Floats:
-        sheet = self._sheet
-        way = self._target - pose[..., :2]
-        error = wrap_angle(np.arctan2(way[..., 1], way[..., 0]) - pose[..., 2])
-        on_the_spot = np.abs(error) > TURN_FIRST_ABOVE
-        rate = error * np.where(on_the_spot, 1.0 / self._period, STEERING_GAIN)
-        rate = np.minimum(np.maximum(rate, -sheet.top_turn_rate), sheet.top_turn_rate)
+        sheet, heading = self._sheet, pose[..., 2]
+        error = np.arctan2(self._target_y - pose[..., 1], self._target_x - pose[..., 0])
+        error -= heading
+        error -= TWO_PI * np.rint(error * (1.0 / TWO_PI))
+        error[self._halt] = 0.0
+        size = np.abs(error)
+        on_the_spot = size > TURN_FIRST_ABOVE
         # What turning leaves of the wheels' speed goes into driving, once the robot faces the cell.
-        speed = sheet.top_speed - self._half_base * np.abs(rate)
-        turned = np.abs(wrap_angle(pose[..., 2] - self._last_heading))
-        jammed = on_the_spot & (turned < JAMMED_TURN * self._last_turn)
-        self._jam = np.where(on_the_spot, self._jam + jammed, 0)
-        back = np.where((self._jam - 1) // WIGGLE_PERIODS % 2 == 0, -1.0, 1.0)
-        wiggle = np.where(self._jam > 0, (WIGGLE_SPEED * sheet.top_speed) * back, 0.0)
-        speed = np.where(on_the_spot, wiggle, speed)
-        self._last_heading = pose[..., 2].copy()
-        self._last_turn = np.where(on_the_spot & ~self._halt, np.abs(rate) * self._period, 0.0)
+        rate = np.minimum(size * STEERING_GAIN, sheet.top_turn_rate)
+        speed = sheet.top_speed - self._half_base * rate
+        if on_the_spot.any():
+            self._turn_on_the_spot(on_the_spot, size, heading, rate, speed)
+        else:
+            self._jam.fill(0)
+            self._last_turn = np.zeros_like(rate)
+        self._last_heading = heading.copy()
         speed[self._halt] = 0.0
-        rate[self._halt] = 0.0
+        rate = np.copysign(rate, error)
         return wheel_speeds_for(sheet, speed, rate)
+
+    def _turn_on_the_spot(
+        self, turning: NDArray[np.bool_], size: Floats, heading: Floats, rate: Floats, speed: Floats
+    ) -> None:
+        """Set `rate` and `speed` of the robots that turn before they drive, and wiggle the jammed ones free."""
+        sheet = self._sheet
+        np.copyto(rate, np.minimum(size * (1.0 / self._period), sheet.top_turn_rate), where=turning)
+        turned = np.abs(wrap_angle(heading - self._last_heading))
+        self._jam += turned < JAMMED_TURN * self._last_turn
+        self._jam *= turning
+        back = np.where((self._jam - 1) // WIGGLE_PERIODS % 2 == 0, -WIGGLE_SPEED, WIGGLE_SPEED)
+        np.copyto(speed, np.where(self._jam > 0, sheet.top_speed * back, 0.0), where=turning)
+        self._last_turn = np.where(turning, rate * self._period, 0.0)
 
 
 class WheelsDriver:

@@ -40,8 +40,9 @@ def slew(current: Floats, command: Floats, max_speed: Floats | float, max_change
     `current` and `command` are wheel speeds in rad/s, `max_change` the largest change (rad/s) that
     the wheels' acceleration allows in the period.
     """
-    target = np.minimum(np.maximum(command, -max_speed), max_speed)
-    return np.minimum(np.maximum(target, current - max_change), current + max_change)
+    low = np.maximum(current - max_change, -max_speed)
+    high = np.minimum(current + max_change, max_speed)
+    return np.minimum(np.maximum(command, low), high)
 
 
 def wrap_angle(angle: Floats) -> Floats:

@@ -15,6 +15,10 @@ Integers = NDArray[np.int64]
 
 WALL, LOOSE_PELLET = -1, -2
 """Owners of bodies that are no part of a robot."""
+_KIND_OF_OTHER = np.array(
+    [ContactKind.ROBOT_ROBOT, ContactKind.ROBOT_PELLET, ContactKind.ROBOT_WALL], dtype=np.uint8
+)
+"""Indexed by the owner of the second body: 0 for any robot, and the two negative owners from the end."""
 
 
 class ContactLog:
@@ -67,34 +71,31 @@ class ContactLog:
             return no_contacts()
         ids = np.concatenate(self._ids)
         rows = np.concatenate(self._rows)
-        rank = np.minimum(np.searchsorted(self._sorted_ids, ids), len(self._sorted_ids) - 1)
-        bodies = np.where(self._sorted_ids[rank] == ids, self._body_of_rank[rank], self._bodies)
-        envs = np.repeat(self._envs, sizes)
-        periods = np.arange(len(sizes)) // self._num_envs
-        ago = np.repeat((timing.control_steps - 1 - periods) * timing.control_period, sizes)
+        rank = np.searchsorted(self._sorted_ids, ids)
+        np.minimum(rank, len(self._sorted_ids) - 1, out=rank)
+        bodies = self._body_of_rank[rank]
+        bodies[self._sorted_ids[rank] != ids] = self._bodies
+        row_envs = np.repeat(self._envs, sizes)
         self._owner[:, self._robots : -1] = np.where(holder >= 0, holder, LOOSE_PELLET)
-        owners = self._owner[envs[:, None], bodies]
-        concerns = (owners.max(axis=1) >= 0) & (owners[:, 0] != owners[:, 1])
-        if not concerns.any():
+        owners = self._owner[row_envs[:, None], bodies]
+        concerns = np.flatnonzero((owners.max(axis=1) >= 0) & (owners[:, 0] != owners[:, 1]))
+        if not concerns.size:
             return no_contacts()
-        owners, bodies, rows, envs = owners[concerns], bodies[concerns], rows[concerns], envs[concerns]
-        time = times[envs] - ago[concerns]
-        both = owners.min(axis=1) >= 0
-        first_is_robot = owners[:, 0] >= 0
-        robot = np.where(first_is_robot, owners[:, 0], owners[:, 1])
-        other_owner = np.where(first_is_robot, owners[:, 1], owners[:, 0])
-        other_body = np.where(first_is_robot, bodies[:, 1], bodies[:, 0])
-        a = np.where(both, owners.min(axis=1), robot)
-        pellet = np.where(other_owner == LOOSE_PELLET, other_body - self._robots, WALL)
-        b = np.where(both, owners.max(axis=1), pellet)
-        kind = np.where(
-            both,
-            ContactKind.ROBOT_ROBOT,
-            np.where(other_owner == WALL, ContactKind.ROBOT_WALL, ContactKind.ROBOT_PELLET),
-        ).astype(np.uint8)
-        impulse = np.sqrt(rows[:, 0] ** 2 + rows[:, 1] ** 2)
+        owners, bodies, rows, envs = owners[concerns], bodies[concerns], rows[concerns], row_envs[concerns]
+        period = np.repeat(np.arange(len(sizes)) // self._num_envs, sizes)[concerns]
+        # Robots before everything else, lower ones first: one of the two orders in which a pair can come.
+        swap = (owners[:, 1] >= 0) & ((owners[:, 0] < 0) | (owners[:, 1] < owners[:, 0]))
+        owners[swap] = owners[swap, ::-1]
+        bodies[swap] = bodies[swap, ::-1]
+        a, other = owners[:, 0], owners[:, 1]
+        kind = _KIND_OF_OTHER[np.minimum(other, 0)]
+        b = np.where(other == LOOSE_PELLET, bodies[:, 1] - self._robots, other)
         # The solver lists contacts by the addresses of its shapes, which differ between processes.
-        order = np.lexsort((rows[:, 3], rows[:, 2], b, a, kind, time, envs))
+        span = self._bodies + 1
+        key = ((envs * timing.control_steps + period) * 3 + kind) * span + bodies[:, 0]
+        order = np.argsort(key * span + bodies[:, 1], kind="stable")
+        time = times[envs] - (timing.control_steps - 1 - period) * timing.control_period
+        impulse = np.sqrt(rows[:, 0] ** 2 + rows[:, 1] ** 2)
         return Contacts(
             envs[order], time[order], kind[order], a[order], b[order], rows[order, 2:], impulse[order]
         )

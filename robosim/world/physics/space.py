@@ -165,6 +165,10 @@ class EpisodeSpace:
     def drive(self) -> None:
         """Hold the velocities in `commands` for one control period."""
         batch.set_space_bodies(self._controls, COMMAND_FIELDS, self._commands)
+        self.advance()
+
+    def advance(self) -> None:
+        """Run the solver for one control period: the floor under everything's cost."""
         step, substep = self._space.step, self._substep
         for _ in range(self._substeps):
             step(substep)
@@ -186,8 +190,8 @@ class EpisodeSpace:
         ids = np.frombuffer(self._arbiters.int_buf(), dtype=np.uintp).reshape(-1, 2)
         return ids, np.frombuffer(self._arbiters.float_buf()).reshape(-1, ARBITER_FLOATS)
 
-    def grip(self, robot: int, pellet: int) -> None:
-        """Join a pellet to a robot where it is, and lift it off the ground."""
+    def grip(self, robot: int, pellet: int) -> tuple[float, float]:
+        """Join a pellet to a robot where it is, lift it off the ground, and return where in the robot's frame it is."""
         joint = pymunk.PivotJoint(self._robots[robot], self._pellets[pellet], self._pellets[pellet].position)
         joint.max_force = self._arena.robot.grip_force
         self._space.add(joint)
@@ -195,6 +199,8 @@ class EpisodeSpace:
         slide, spin, _, _ = self._ground[pellet]
         slide.max_force = 0.0
         spin.max_force = 0.0
+        x, y = joint.anchor_a
+        return x, y
 
     def release(self, pellet: int) -> None:
         """Let a held pellet drop to the ground where it is."""
@@ -202,11 +208,6 @@ class EpisodeSpace:
         slide, spin, force, torque = self._ground[pellet]
         slide.max_force = force
         spin.max_force = torque
-
-    def anchor(self, pellet: int) -> tuple[float, float]:
-        """Return where in the robot's frame a held pellet belongs, m."""
-        x, y = self._grips[pellet].anchor_a
-        return x, y
 
     def place(self, pellet: int, place: Floats) -> None:
         """Put a pellet, at rest, to a place; an absent one comes back."""

@@ -21,6 +21,8 @@ TEAR_DISTANCE = 1.0
 """A held pellet pushed this far out of the gripper is torn loose, in pellet radii."""
 REFILL_MARGIN = 1e-3
 """Gap kept around a fresh pellet, m."""
+TINY = 1e-300
+"""Keeps sin(x) / x defined at 0, and changes no other value of x."""
 LOOSE, HELD, ABSENT = (np.uint8(status) for status in PelletStatus)
 
 
@@ -41,6 +43,7 @@ class PhysicsWorld:
         self._half_period = 0.5 * timing.control_period
         self._gripper_offset = 0.5 * sheet.length
         self._gripper_reach = arena.pellets.radius + sheet.gripper_reach
+        self._home = (arena.zones == Zone.HOME).ravel()
         shape = (num_envs, robots)
         pellets = arena.pellets.count
         self.state = WorldState(
@@ -65,6 +68,8 @@ class PhysicsWorld:
         """[envs, robots, 2] wheel speeds held in the last control period, rad/s."""
         self._max_speed = np.zeros((*shape, 1))
         self._commands = np.zeros((*shape, 3))
+        self._anchor = np.zeros((*shape, 2))
+        self._env_rows = np.arange(num_envs)[:, None]
         self._holder = np.full((num_envs, pellets), -1)
         self._last_holder = np.full((num_envs, pellets), -1)
         self._control_steps = np.zeros(num_envs, dtype=np.int64)
@@ -112,7 +117,7 @@ class PhysicsWorld:
         self._driver.reset(env, state.pose)
         self._slots[env, :-1] = draws.pellet_place
         state.pellets[env] = draws.pellet_place
-        self._feel_pellets()
+        self._feel_pellets(np.cos(state.pose[..., 2]), np.sin(state.pose[..., 2]))
         self.contacts = no_contacts()
 
     def step(self, actions: Integers, gripper: NDArray[np.int8]) -> None:
@@ -137,9 +142,11 @@ class PhysicsWorld:
         # The chord of the arc that the wheels describe: the end of the period is then exact.
         half_turn = rate * self._half_period
         chord = state.pose[..., 2] + half_turn
-        along = speed * np.sinc(half_turn * (1.0 / np.pi))
-        np.multiply(along, np.cos(chord), out=commands[..., 0])
-        np.multiply(along, np.sin(chord), out=commands[..., 1])
+        half_turn += TINY
+        speed *= np.sin(half_turn)
+        speed /= half_turn
+        np.multiply(speed, np.cos(chord), out=commands[..., 0])
+        np.multiply(speed, np.sin(chord), out=commands[..., 1])
         commands[..., 2] = rate
         self._control_steps += 1
         for env, space in enumerate(self._spaces):
@@ -164,7 +171,7 @@ class PhysicsWorld:
         self.contacts = self._log.read(self._holder, times, self.arena.timing)
         state = self.state
         for touched in (state.touched_robot, state.touched_wall, state.touched_pellet):
-            touched[...] = False
+            touched.fill(False)
         self._log.mark_touched(state, self.contacts)
         if self.arena.pellets.cohesion > 0.0:
             for env, space in enumerate(self._spaces):
@@ -172,37 +179,38 @@ class PhysicsWorld:
 
     def _handle_pellets(self, gripper: NDArray[np.int8]) -> None:
         state = self.state
-        state.picked[...] = -1
-        state.lost[...] = False
-        state.deliveries[...] = 0
-        state.fresh[...] = False
+        state.picked.fill(-1)
+        state.lost.fill(False)
+        state.deliveries.fill(0)
+        state.fresh.fill(False)
+        heading = state.pose[..., 2]
+        cos, sin = np.cos(heading), np.sin(heading)
         laden = state.held >= 0
         if laden.any():
-            self._drop(laden & (gripper == Gripper.OPEN), torn=False)
-            self._drop(self._torn(), torn=True)
+            opened = laden & (gripper == Gripper.OPEN)
+            if opened.any():
+                self._drop(opened, torn=False)
+                laden &= ~opened
+            torn = laden & self._torn(cos, sin)
+            if torn.any():
+                self._drop(torn, torn=True)
         self._deliver()
-        self._feel_pellets()
-        takers = (gripper == Gripper.TAKE) & (state.held < 0) & (state.touching >= 0)
+        self._feel_pellets(cos, sin)
+        takers = (gripper == Gripper.TAKE) & (state.touching >= 0)
         if takers.any():
             self._take(takers)
         waiting = state.pellet_status == ABSENT
         if waiting.any():
             self._refill(waiting)
 
-    def _torn(self) -> NDArray[np.bool_]:
-        """Return which robots' pellets are pushed too far out of their grippers, [envs, robots]."""
-        state = self.state
-        torn = np.zeros_like(state.lost)
+    def _torn(self, cos: Floats, sin: Floats) -> NDArray[np.bool_]:
+        """Return whose pellets are pushed too far out of their grippers, [envs, robots]; of laden robots only."""
+        state, anchor = self.state, self._anchor
+        pellet = state.pellets[self._env_rows, state.held]
+        dx = cos * anchor[..., 0] - sin * anchor[..., 1] + (state.pose[..., 0] - pellet[..., 0])
+        dy = sin * anchor[..., 0] + cos * anchor[..., 1] + (state.pose[..., 1] - pellet[..., 1])
         limit = TEAR_DISTANCE * self.arena.pellets.radius
-        for env, robot in np.argwhere(state.held >= 0).tolist():
-            pellet = int(state.held[env, robot])
-            x, y, heading = state.pose[env, robot].tolist()
-            anchor_x, anchor_y = self._spaces[env].anchor(pellet)
-            cos, sin = np.cos(heading), np.sin(heading)
-            dx = x + cos * anchor_x - sin * anchor_y - state.pellets[env, pellet, 0]
-            dy = y + sin * anchor_x + cos * anchor_y - state.pellets[env, pellet, 1]
-            torn[env, robot] = dx * dx + dy * dy > limit * limit
-        return torn
+        return np.asarray(dx * dx + dy * dy > limit * limit)
 
     def _drop(self, droppers: NDArray[np.bool_], *, torn: bool) -> None:
         state = self.state
@@ -217,8 +225,9 @@ class PhysicsWorld:
     def _deliver(self) -> None:
         """Count the loose pellets in the home and take them out of the world."""
         state = self.state
-        zones = self._zones_at(state.pellets)
-        home = (zones == Zone.HOME) & (state.pellet_status == LOOSE)
+        cells = (state.pellets * (1.0 / self.arena.cell_size)).astype(np.intp)
+        home = self._home.take(cells[..., 1] * self.arena.columns + cells[..., 0], mode="clip")
+        home &= state.pellet_status == LOOSE
         if not home.any():
             return
         for env, pellet in np.argwhere(home).tolist():
@@ -230,25 +239,25 @@ class PhysicsWorld:
             self._last_holder[env, pellet] = -1
             self._spaces[env].take_out(pellet)
 
-    def _zones_at(self, positions: Floats) -> NDArray[np.uint8]:
-        cells = (positions * (1.0 / self.arena.cell_size)).astype(np.intp)
-        flat = cells[..., 1] * self.arena.columns + cells[..., 0]
-        return self.arena.zones.ravel().take(flat, mode="clip")
-
-    def _feel_pellets(self) -> None:
+    def _feel_pellets(self, cos: Floats, sin: Floats) -> None:
         """Find the nearest loose pellet that each empty gripper touches."""
         state = self.state
-        heading = state.pose[..., 2]
-        nose_x = state.pose[..., 0] + self._gripper_offset * np.cos(heading)
-        nose_y = state.pose[..., 1] + self._gripper_offset * np.sin(heading)
+        if not state.pellet_status.size:
+            return
+        nose_x = state.pose[..., 0] + self._gripper_offset * cos
+        nose_y = state.pose[..., 1] + self._gripper_offset * sin
         dx = state.pellets[:, None, :, 0] - nose_x[..., None]
         dy = state.pellets[:, None, :, 1] - nose_y[..., None]
-        distance = dx * dx + dy * dy
-        distance += np.where(state.pellet_status == LOOSE, 0.0, np.inf)[:, None, :]
-        nearest = distance.argmin(axis=2)
-        gap = np.take_along_axis(distance, nearest[..., None], axis=2)[..., 0]
-        felt = (gap <= self._gripper_reach**2) & (state.held < 0)
-        np.copyto(state.touching, np.where(felt, nearest, -1))
+        dx *= dx
+        dy *= dy
+        dx += dy
+        felt = dx <= self._gripper_reach**2
+        felt &= (state.pellet_status == LOOSE)[:, None]
+        felt &= (state.held < 0)[..., None]
+        state.touching.fill(-1)
+        if felt.any():
+            dx[~felt] = np.inf
+            np.copyto(state.touching, dx.argmin(axis=2), where=felt.any(axis=2))
 
     def _take(self, takers: NDArray[np.bool_]) -> None:
         state = self.state
@@ -256,7 +265,7 @@ class PhysicsWorld:
             pellet = int(state.touching[env, robot])
             if state.pellet_status[env, pellet] != LOOSE:
                 continue
-            self._spaces[env].grip(robot, pellet)
+            self._anchor[env, robot] = self._spaces[env].grip(robot, pellet)
             state.held[env, robot] = pellet
             state.picked[env, robot] = pellet
             state.pellet_status[env, pellet] = HELD
