@@ -117,7 +117,9 @@ class LanesController:
         loose = (state.pellet_status[envs] == PelletStatus.LOOSE)[:, None]
         there = np.where(loose & (along > 0.0) & (across < sweep), along, np.inf).min(axis=2)
         # Turning costs the way that the robot could drive in the same time.
-        turn = np.arccos(np.clip(way[..., 0] * np.cos(pose[:, 2:]) + way[..., 1] * np.sin(pose[:, 2:]), -1, 1))
+        turn = np.arccos(
+            np.clip(way[..., 0] * np.cos(pose[:, 2:]) + way[..., 1] * np.sin(pose[:, 2:]), -1, 1)
+        )
         there += turn * (sheet.top_speed / sheet.top_turn_rate)
         distance = np.where(loose[:, 0], (apart**2).sum(axis=2), np.inf)
         nearest = apart[np.arange(len(apart)), distance.argmin(axis=1)]
@@ -127,7 +129,9 @@ class LanesController:
         changed[envs, robots] = np.where(np.isfinite(cost[envs, robots]), there, np.inf)
         return changed
 
-    def _back_off(self, env: VectorEnv, blocked: Bools, cost: Floats, best: Integers, action: Integers) -> Integers:
+    def _back_off(
+        self, env: VectorEnv, blocked: Bools, cost: Floats, best: Integers, action: Integers
+    ) -> Integers:
         """Let robots that have stood still for long, and wanted to move, give way for some decisions."""
         pose = env.world.state.pose
         moved = np.abs(pose[..., :2] - self._last[..., :2]).sum(axis=2)
@@ -174,9 +178,7 @@ class LanesController:
         inside = routes.gate[row, column]
         near = np.maximum(routes.gate[ahead_row, ahead_column], routes.mouth[ahead_row, ahead_column])
         coming = (inside < 0) & (near >= 0) & (routes.zones[row, column] != Zone.TUNNEL)
-        closer = (
-            routes.cost[heading_out, ahead_row, ahead_column] < routes.cost[heading_out, row, column]
-        )
+        closer = routes.cost[heading_out, ahead_row, ahead_column] < routes.cost[heading_out, row, column]
         # A robot that has just left the tunnel is near the mouth too, but its way leads off from it.
         entering = coming & closer & (self._tunnel_ahead(row, column, heading_out))
         self._waiting = np.zeros(action.shape, dtype=np.bool_)
@@ -197,7 +199,9 @@ class LanesController:
         away = routes.mouth_distance[row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
         away = np.where(blocked | ~np.isfinite(away), -np.inf, away)
         best = away.argmax(axis=2)
-        useful = np.take_along_axis(away, best[..., None], axis=2)[..., 0] > routes.mouth_distance[row, column]
+        useful = (
+            np.take_along_axis(away, best[..., None], axis=2)[..., 0] > routes.mouth_distance[row, column]
+        )
         np.copyto(action, np.where(in_the_way & useful, best, action))
 
     def _tunnel_ahead(self, row: Integers, column: Integers, heading_out: Integers) -> Bools:

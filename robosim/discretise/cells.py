@@ -10,9 +10,7 @@ from robosim.arena.model import Arena, Zone
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-NEIGHBOURS = np.array(
-    [[0, 1], [0, -1], [-1, 0], [1, 0], [-1, 1], [1, 1], [-1, -1], [1, -1]], dtype=np.int64
-)
+NEIGHBOURS = np.array([[0, 1], [0, -1], [-1, 0], [1, 0], [-1, 1], [1, 1], [-1, -1], [1, -1]], dtype=np.int64)
 """[8, 2] steps (columns, rows) to the neighbouring cells: N, S, W, E, NW, NE, SW, SE."""
 
 
@@ -30,6 +28,7 @@ class Grid:
         """[cells] zone of every cell of the padded grid."""
         self.free: NDArray[np.bool_] = zones != Zone.WALL
         """[padded rows, padded columns]."""
+        self._free_flat = self.free.ravel()
         self.size = int(zones.size)
         self.tunnel_length = max(arena.tunnel_length, 1)
         self._neighbours = self.flat_steps(NEIGHBOURS)
@@ -50,12 +49,13 @@ class Grid:
 
     def free_neighbours(self, cell: Integers) -> NDArray[np.bool_]:
         """Return whether each neighbour of cells [envs, robots] holds neither wall nor robot, [..., 8]."""
-        envs = cell.shape[0]
-        free = np.broadcast_to(self.free.ravel(), (envs, self.size)).copy()
-        rows = np.arange(envs)[:, None]
-        free[rows, cell] = False
-        around: Integers = cell[..., None] + self._neighbours
-        return np.asarray(free[rows[..., None], around])
+        free = np.empty((cell.shape[0], self.size), dtype=np.bool_)
+        free[...] = self._free_flat
+        start = np.arange(0, free.size, self.size)[:, None]
+        flat = free.ravel()
+        here = cell + start
+        flat[here] = False
+        return flat.take(here[..., None] + self._neighbours)
 
     def tunnel_density(self, cell: Integers) -> Floats:
         """Return robots in the tunnel per cell of its length, n / L, for cells [envs, robots]; [envs]."""

@@ -12,6 +12,7 @@ from robosim.discretise.observation import ObservationLayout, OwnState, write_ow
 from robosim.discretise.pheromone import PheromoneConfig, PheromoneMap
 from robosim.discretise.reward import RewardConfig, rewards
 from robosim.robot.drivers import STOP
+from robosim.world.contacts import ContactKind
 from robosim.world.state import WorldState
 
 BLOCKED_SHARE = 0.25
@@ -91,9 +92,8 @@ class DecPomdp:
 
         turned = np.abs((motion[..., 2] + np.pi) % (2.0 * np.pi) - np.pi)
         still = (motion[..., 0] ** 2 + motion[..., 1] ** 2 < self._still_way**2) & (turned < self._still_turn)
-        touched = state.touched_robot | state.touched_wall | state.touched_pellet
-        self.blocked = under_way & still & touched
-        self.collided = under_way & state.touched_robot
+        self.blocked = under_way & still & state.touched.any(axis=0)
+        self.collided = under_way & state.touched[ContactKind.ROBOT_ROBOT]
         self.collisions = np.where(self.mode == was_mode, self.collisions, 0) + self.collided
         self.previous_action = actions.copy()
 

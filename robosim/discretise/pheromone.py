@@ -53,6 +53,8 @@ class PheromoneMap:
         side = np.arange(-config.radius, config.radius + 1)
         steps = np.array([(column, row) for row in side[::-1] for column in side], dtype=np.int64)
         self._patch = grid.flat_steps(steps)
+        self._channel_patch = np.arange(len(CHANNELS))[:, None] * grid.size + self._patch
+        self._envs = np.arange(num_envs)[:, None]
         self._fade_scale = 1.0 / config.saturation
 
     @property
@@ -80,8 +82,7 @@ class PheromoneMap:
         All arguments are [envs, robots]; `cell` is the flat index. Of several robots in one cell the
         last one leaves its marks, and the visit counts once.
         """
-        envs = np.arange(cell.shape[0])[:, None]
-        maps = self._maps
+        envs, maps = self._envs, self._maps
         occupancy = maps[:, 0]
         occupancy *= 1.0 - self._config.decay
         occupancy[envs, cell] += self._config.reinforcement
@@ -105,10 +106,8 @@ class PheromoneMap:
         Channel by channel, each from the north-west to the south-east. Occupancy is given relative
         to its saturation, at most 1; the marks fade with it. What lies outside reads 0.
         """
-        envs = np.arange(cell.shape[0])[:, None, None, None]
-        channels = np.arange(len(CHANNELS))[:, None]
-        around = cell[:, :, None, None] + self._patch
-        patch = self._maps[envs, channels, around]
+        start = cell + len(CHANNELS) * self._grid.size * self._envs
+        patch = self._maps.ravel().take(start[..., None, None] + self._channel_patch)
         strength = np.minimum(patch[:, :, 0] * self._fade_scale, 1.0)
         patch[:, :, 1:] *= strength[:, :, None]
         patch[:, :, 0] = strength

@@ -52,10 +52,10 @@ def rewards(
     team = (config.pickup_weight * config.pickup) * pickups
     team = team + (config.delivery_weight * config.delivery) * deliveries
     if config.kind == "global":
-        shared = team.sum(axis=1, keepdims=True)
+        robots = team.shape[1]
+        team = team.sum(axis=1, keepdims=True)
         if config.sharing == "split":
-            shared = shared / team.shape[1]
-        team = np.broadcast_to(shared, team.shape)
+            team = team / robots
     own = (config.distance_weight * config.distance) * closer
     own = own + (config.collision_weight * config.collision) * (collided & ~laden)
     return np.asarray(team + own)

@@ -253,7 +253,9 @@ class VectorEnv:
             return tuple(int(one) for one in root.generate_state(self.num_envs, np.uint64))
         seeds = tuple(_integer("seed", one, 0, 2**64 - 1) for one in seed)
         if len(seeds) != self.num_envs:
-            raise InputError(f"seed: {len(seeds)} given, allowed are one, or one for each of {self.num_envs} envs.")
+            raise InputError(
+                f"seed: {len(seeds)} given, allowed are one, or one for each of {self.num_envs} envs."
+            )
         return seeds
 
 
@@ -262,10 +264,14 @@ def _checked_actions(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[np.i
     if array.shape != shape:
         raise InputError(f"actions: shape {list(array.shape)}; allowed is [envs, robots] = {list(shape)}.")
     if array.dtype.kind not in "iu":
-        raise InputError(f"actions: values of type {array.dtype}; allowed are integers from 0 to {NUM_ACTIONS - 1}.")
+        raise InputError(
+            f"actions: values of type {array.dtype}; allowed are integers from 0 to {NUM_ACTIONS - 1}."
+        )
     if array.min() < 0 or array.max() >= NUM_ACTIONS:
         wrong = int(array[(array < 0) | (array >= NUM_ACTIONS)][0])
-        raise InputError(f"actions: {wrong} is not allowed; allowed are integers from 0 to {NUM_ACTIONS - 1}.")
+        raise InputError(
+            f"actions: {wrong} is not allowed; allowed are integers from 0 to {NUM_ACTIONS - 1}."
+        )
     return array.astype(np.int64)
 
 

@@ -11,17 +11,15 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.robot.kinematics import wheel_speeds_for, wrap_angle
+from robosim.robot.kinematics import wheel_speeds_for
 from robosim.robot.sheet import RobotSheet
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 JAMMED_TURN = 0.3
 """A turn on the spot that makes less than this share of its commanded angle is jammed."""
-WIGGLE_SPEED = 0.5
-"""Speed at which a jammed robot backs out of the jam, as a share of the top speed."""
-WIGGLE_PERIODS = 4
-"""Control periods that it backs, before it tries forward for as many."""
+WIGGLE_SPEEDS = np.array([0.0, -0.5, 0.5, -0.5, 0.5, -0.5])
+"""Speeds in the decisions that a jam lasts, in top speeds: back out of it, then forward, and so on."""
 ActionKind = Literal["cardinal", "wheels"]
 ACTION_KINDS: tuple[ActionKind, ...] = ("cardinal", "wheels")
 NUM_ACTIONS = 5
@@ -100,16 +98,17 @@ class CardinalDriver:
         self._target_y = np.empty(0)
         self._halt = np.empty(0, dtype=np.bool_)
         self._jam = np.zeros(0, dtype=np.int64)
-        self._last_heading = np.zeros(0)
-        self._last_turn = np.zeros(0)
+        self._wiggle = np.zeros(0)
+        self._heading = np.zeros(0)
+        self._turn = np.zeros(0)
 
     def reset(self, env: int, pose: Floats) -> None:
         if self._jam.shape != pose.shape[:2]:
             self._jam = np.zeros(pose.shape[:2], dtype=np.int64)
-            self._last_heading = pose[..., 2].copy()
-            self._last_turn = np.zeros(pose.shape[:2])
+            self._heading = pose[..., 2].copy()
+            self._turn = np.zeros(pose.shape[:2])
         self._jam[env] = 0
-        self._last_turn[env] = 0.0
+        self._turn[env] = 0.0
 
     def begin(self, pose: Floats, actions: Integers) -> None:
         cells = np.floor(pose[..., :2] * (1.0 / self._cell))
@@ -118,40 +117,31 @@ class CardinalDriver:
         self._target_x = cells[..., 0]
         self._target_y = cells[..., 1]
         self._halt = actions == STOP
+        # A turn on the spot over the last decision that got nowhere; a passage of the heading from
+        # pi to -pi looks like a turn, and only puts the finding off.
+        turned = np.abs(pose[..., 2] - self._heading)
+        self._jam += turned < JAMMED_TURN * self._turn
+        self._jam *= self._turn > 0.0
+        self._wiggle = WIGGLE_SPEEDS.take(self._jam, mode="wrap") * self._sheet.top_speed
+        self._heading = pose[..., 2].copy()
+        self._turn.fill(0.0)
 
     def wheel_speeds(self, pose: Floats) -> Floats:
-        sheet, heading = self._sheet, pose[..., 2]
+        sheet = self._sheet
         error = np.arctan2(self._target_y - pose[..., 1], self._target_x - pose[..., 0])
-        error -= heading
+        error -= pose[..., 2]
         error -= TWO_PI * np.rint(error * (1.0 / TWO_PI))
         error[self._halt] = 0.0
         size = np.abs(error)
         on_the_spot = size > TURN_FIRST_ABOVE
+        size *= np.where(on_the_spot, 1.0 / self._period, STEERING_GAIN)
+        rate = np.minimum(size, sheet.top_turn_rate)
         # What turning leaves of the wheels' speed goes into driving, once the robot faces the cell.
-        rate = np.minimum(size * STEERING_GAIN, sheet.top_turn_rate)
         speed = sheet.top_speed - self._half_base * rate
-        if on_the_spot.any():
-            self._turn_on_the_spot(on_the_spot, size, heading, rate, speed)
-        else:
-            self._jam.fill(0)
-            self._last_turn = np.zeros_like(rate)
-        self._last_heading = heading.copy()
+        np.copyto(speed, self._wiggle, where=on_the_spot)
         speed[self._halt] = 0.0
-        rate = np.copysign(rate, error)
-        return wheel_speeds_for(sheet, speed, rate)
-
-    def _turn_on_the_spot(
-        self, turning: NDArray[np.bool_], size: Floats, heading: Floats, rate: Floats, speed: Floats
-    ) -> None:
-        """Set `rate` and `speed` of the robots that turn before they drive, and wiggle the jammed ones free."""
-        sheet = self._sheet
-        np.copyto(rate, np.minimum(size * (1.0 / self._period), sheet.top_turn_rate), where=turning)
-        turned = np.abs(wrap_angle(heading - self._last_heading))
-        self._jam += turned < JAMMED_TURN * self._last_turn
-        self._jam *= turning
-        back = np.where((self._jam - 1) // WIGGLE_PERIODS % 2 == 0, -WIGGLE_SPEED, WIGGLE_SPEED)
-        np.copyto(speed, np.where(self._jam > 0, sheet.top_speed * back, 0.0), where=turning)
-        self._last_turn = np.where(turning, rate * self._period, 0.0)
+        np.add(self._turn, rate * self._period, out=self._turn, where=on_the_spot)
+        return wheel_speeds_for(sheet, speed, np.copysign(rate, error))
 
 
 class WheelsDriver:

@@ -52,12 +52,9 @@ class WorldState:
     """[envs, pellets, 2] m; an absent pellet keeps its last place."""
     pellet_status: NDArray[np.uint8]
     """[envs, pellets] `PelletStatus`."""
-    touched_robot: Bools
-    """[envs, robots] touched another robot, or its pellet, in the last decision."""
-    touched_wall: Bools
-    """[envs, robots] touched a wall in the last decision."""
-    touched_pellet: Bools
-    """[envs, robots] touched a loose pellet in the last decision."""
+    touched: Bools
+    """[3, envs, robots] touched, in the last decision, another robot or its pellet, a wall, a loose pellet:
+    in the order of `ContactKind`."""
     picked: Integers
     """[envs, robots] the pellet taken in the last decision, or -1."""
     lost: Bools

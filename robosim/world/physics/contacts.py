@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from robosim.arena.model import Timing
 from robosim.world.contacts import ContactKind, Contacts, no_contacts
 from robosim.world.physics.space import EpisodeSpace
-from robosim.world.state import WorldState
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -100,15 +99,13 @@ class ContactLog:
             envs[order], time[order], kind[order], a[order], b[order], rows[order, 2:], impulse[order]
         )
 
-    def mark_touched(self, state: WorldState, contacts: Contacts) -> None:
-        """Set the touched flags of a state, cleared before, from the contacts of the decision."""
-        between = contacts.kind == ContactKind.ROBOT_ROBOT
-        state.touched_robot[contacts.env[between], contacts.a[between]] = True
-        state.touched_robot[contacts.env[between], contacts.b[between]] = True
-        wall = contacts.kind == ContactKind.ROBOT_WALL
-        state.touched_wall[contacts.env[wall], contacts.a[wall]] = True
-        pellet = contacts.kind == ContactKind.ROBOT_PELLET
-        state.touched_pellet[contacts.env[pellet], contacts.a[pellet]] = True
+
+def mark_touched(touched: NDArray[np.bool_], contacts: Contacts) -> None:
+    """Set who touched what in `touched` [3, envs, robots], cleared before, from a decision's contacts."""
+    if contacts.kind.size:
+        touched[contacts.kind, contacts.env, contacts.a] = True
+        between = np.flatnonzero(contacts.kind == ContactKind.ROBOT_ROBOT)
+        touched[ContactKind.ROBOT_ROBOT, contacts.env[between], contacts.b[between]] = True
 
 
 def touching_pellets(space: EpisodeSpace, robots: int) -> Integers:

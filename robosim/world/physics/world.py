@@ -9,8 +9,8 @@ from robosim.arena.model import Arena, Randomisation, Zone
 from robosim.errors import InputError
 from robosim.robot.drivers import ActionKind, make_driver
 from robosim.robot.kinematics import body_twist, slew, wrap_angle
-from robosim.world.contacts import no_contacts
-from robosim.world.physics.contacts import ContactLog, touching_pellets
+from robosim.world.contacts import ContactKind, no_contacts
+from robosim.world.physics.contacts import ContactLog, mark_touched, touching_pellets
 from robosim.world.physics.space import Draws, EpisodeSpace
 from robosim.world.state import Gripper, PelletStatus, WorldState
 
@@ -53,9 +53,7 @@ class PhysicsWorld:
             touching=np.full(shape, -1),
             pellets=np.zeros((num_envs, pellets, 2)),
             pellet_status=np.zeros((num_envs, pellets), dtype=np.uint8),
-            touched_robot=np.zeros(shape, dtype=np.bool_),
-            touched_wall=np.zeros(shape, dtype=np.bool_),
-            touched_pellet=np.zeros(shape, dtype=np.bool_),
+            touched=np.zeros((len(ContactKind), *shape), dtype=np.bool_),
             picked=np.full(shape, -1),
             lost=np.zeros(shape, dtype=np.bool_),
             deliveries=np.zeros(shape, dtype=np.int64),
@@ -97,8 +95,9 @@ class PhysicsWorld:
             self._spaces[env] = space
             self._rngs[env] = rng
         state = self.state
-        for event in (state.touched_robot, state.touched_wall, state.touched_pellet, state.lost, state.fresh):
-            event[env] = False
+        state.touched[:, env] = False
+        state.lost[env] = False
+        state.fresh[env] = False
         for nothing in (state.held, state.touching, state.picked, self._holder, self._last_holder):
             nothing[env] = -1
         state.velocity[env] = 0.0
@@ -126,7 +125,7 @@ class PhysicsWorld:
         self._driver.begin(self.state.pose, actions)
         for _ in range(self.arena.timing.control_steps):
             self.drive(self._driver.wheel_speeds(self.state.pose))
-        self._read_pellets()
+        self._read_bodies()
         self._read_contacts()
         self._handle_pellets(gripper)
 
@@ -152,27 +151,26 @@ class PhysicsWorld:
         for env, space in enumerate(self._spaces):
             space.drive()
             self._log.add(env, space)
-            _, bodies = space.bodies()
-            state.pose[env] = bodies[: self.robots, :3]
-            state.velocity[env] = bodies[: self.robots, 3:]
-        state.pose[..., 2] = wrap_angle(state.pose[..., 2])
+            state.pose[env] = space.bodies()[1][: self.robots, :3]
 
-    def _read_pellets(self) -> None:
+    def _read_bodies(self) -> None:
+        """Read velocities and pellets, and fold the headings, at the end of a decision."""
         robots, state = self.robots, self.state
         for env, space in enumerate(self._spaces):
             ids, bodies = space.bodies()
+            state.velocity[env] = bodies[:robots, 3:]
             # Bodies asleep move to the end of the solver's list, so each is found by its id.
             rank = np.searchsorted(self._listed_ids[env], ids[robots:])
             self._slots[env, self._rank_slot[env, rank]] = bodies[robots:, :2]
         state.pellets[...] = self._slots[:, :-1]
+        state.pose[..., 2] = wrap_angle(state.pose[..., 2])
 
     def _read_contacts(self) -> None:
         times = self._control_steps * self.arena.timing.control_period
         self.contacts = self._log.read(self._holder, times, self.arena.timing)
         state = self.state
-        for touched in (state.touched_robot, state.touched_wall, state.touched_pellet):
-            touched.fill(False)
-        self._log.mark_touched(state, self.contacts)
+        state.touched.fill(False)
+        mark_touched(state.touched, self.contacts)
         if self.arena.pellets.cohesion > 0.0:
             for env, space in enumerate(self._spaces):
                 space.cohere(touching_pellets(space, self.robots), state.pellets[env])
