@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import ZONE_OF_CHARACTER, Arena, Zone
 from robosim.errors import InputError
+from robosim.files import write_whole
 from robosim.robot.sheet import RobotSheet
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def save_picture(arenas: Sequence[Arena], path: Path) -> None:
     """
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: a picture is written as PNG; its name must end in .png.")
-    _write(path, _png(_picture(arenas)))
+    write_whole(path, _png(_picture(arenas)))
 
 
 def _png(figure: Figure) -> bytes:
@@ -157,16 +157,3 @@ def _explain(figure: Figure) -> None:
         fontsize=9,
         borderaxespad=0.3,
     )
-
-
-def _write(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all: beside its place first, then renamed."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        try:
-            temporary.write_bytes(data)
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}.") from None

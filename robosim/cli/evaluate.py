@@ -39,11 +39,14 @@ class Evaluate:
         from robosim.control.learned import LearnedController
         from robosim.envs.vector import VectorEnv
         from robosim.errors import InputError
+        from robosim.files import require_writable, write_whole
 
         if not 1 <= self.episodes <= 10_000:
             raise InputError(f"--episodes is {self.episodes}: it must be from 1 to 10000.")
         if self.seed < 0:
             raise InputError(f"--seed is {self.seed}: it must not be negative.")
+        if self.json is not None:
+            require_writable(self.json)
         controller = make_controller(self.policy)
         card = controller.policy.card if isinstance(controller, LearnedController) else None
         env = VectorEnv(
@@ -59,10 +62,7 @@ class Evaluate:
         result = evaluate(controller, env, self.episodes, self.seed)
         print(summary(result))
         if self.json is not None:
-            try:
-                self.json.write_text(result.model_dump_json(indent=2) + "\n", encoding="utf-8")
-            except OSError as error:
-                raise InputError(f"--json {self.json}: cannot be written: {error.strerror}.") from None
+            write_whole(self.json, result.model_dump_json(indent=2) + "\n")
 
 
 def summary(evaluation: Evaluation) -> str:

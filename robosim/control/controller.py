@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.control.lanes import LanesController
+from robosim.control.learned import LearnedController
+from robosim.control.policy import load_policy, policy_names
 from robosim.envs.vector import VectorEnv
+from robosim.errors import InputError, nearest_names
 
 Actions = NDArray[np.int64]
 
@@ -44,3 +51,22 @@ class RandomController:
 
     def act(self, env: VectorEnv, observation: NDArray[np.float32]) -> Actions:
         return np.stack([rng.integers(0, env.num_actions, env.robots) for rng in self._rngs])
+
+
+SCRIPTED: dict[str, Callable[[], Controller]] = {"lanes": LanesController, "random": RandomController}
+"""Scripted controllers by name."""
+
+
+def make_controller(name_or_path: str | Path) -> Controller:
+    """Return a scripted controller by name, or a trained policy by name or folder.
+
+    Raises InputError for a name that nobody knows, with the nearest ones, and for an unsound policy.
+    """
+    text = os.fspath(name_or_path)
+    if text in SCRIPTED:
+        return SCRIPTED[text]()
+    names = policy_names()
+    if text not in names and not Path(text).exists():
+        known = nearest_names(text, [*SCRIPTED, *names])
+        raise InputError(f"policy: {text!r} is neither a known name nor a folder; {known}")
+    return LearnedController(load_policy(name_or_path), text)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.errors import InputError
+from robosim.files import whole_file
 from robosim.robot.drivers import ACTION_KINDS, NUM_ACTIONS, ActionKind
 
 _FIELDS = ("format", "arena", "actions", "seed", "episode", "chosen")
@@ -38,23 +38,16 @@ class Trajectory:
 
     def save(self, path: str | Path) -> None:
         """Write the trajectory to an .npz file, whole or not at all."""
-        target = Path(path)
-        partial = target.with_name(f".{target.name}.{os.getpid()}.partial")
-        try:
-            with partial.open("wb") as file:
-                np.savez_compressed(
-                    file,
-                    format=np.int64(_FORMAT),
-                    arena=np.frombuffer(self.arena.encode(), dtype=np.uint8),
-                    actions=np.int64(ACTION_KINDS.index(self.actions)),
-                    seed=np.uint64(self.seed),
-                    episode=np.int64(self.episode),
-                    chosen=self.chosen,
-                )
-            partial.replace(target)
-        except OSError as error:
-            partial.unlink(missing_ok=True)
-            raise InputError(f"{target}: cannot be written ({error.strerror}).") from None
+        with whole_file(path) as part, part.open("wb") as file:
+            np.savez_compressed(
+                file,
+                format=np.int64(_FORMAT),
+                arena=np.frombuffer(self.arena.encode(), dtype=np.uint8),
+                actions=np.int64(ACTION_KINDS.index(self.actions)),
+                seed=np.uint64(self.seed),
+                episode=np.int64(self.episode),
+                chosen=self.chosen,
+            )
 
 
 def load_trajectory(path: str | Path) -> Trajectory:
@@ -86,8 +79,10 @@ def _checked(source: Path, values: dict[str, NDArray[np.generic]]) -> Trajectory
         raise InputError(f"{source}: format {int(values['format'])} is unknown; known is {_FORMAT}.")
     if int(values["actions"]) >= len(ACTION_KINDS):
         raise InputError(f"{source}: actions must be 0 to {len(ACTION_KINDS) - 1}.")
-    chosen, arena = values["chosen"], values["arena"]
-    if chosen.ndim != 2 or chosen.dtype != np.uint8 or chosen.shape[1] < 1 or (chosen >= NUM_ACTIONS).any():
+    arena = values["arena"]
+    chosen = values["chosen"].astype(np.uint8)
+    well_formed = values["chosen"].dtype == np.uint8 and chosen.ndim == 2 and chosen.shape[1] > 0
+    if not well_formed or (chosen >= NUM_ACTIONS).any():
         raise InputError(f"{source}: chosen must be bytes [decisions, robots] from 0 to {NUM_ACTIONS - 1}.")
     if arena.ndim != 1 or arena.dtype != np.uint8:
         raise InputError(f"{source}: arena must be the bytes of a text.")
@@ -100,5 +95,5 @@ def _checked(source: Path, values: dict[str, NDArray[np.generic]]) -> Trajectory
         actions=ACTION_KINDS[int(values["actions"])],
         seed=int(values["seed"]),
         episode=int(values["episode"]),
-        chosen=chosen.astype(np.uint8),
+        chosen=chosen,
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -78,6 +80,11 @@ class PhysicsWorld:
         self._rank_slot = np.zeros((num_envs, pellets + 1), dtype=np.intp)
         self._slots = np.zeros((num_envs, pellets + 1, 2))
         self._log = ContactLog(num_envs, robots, pellets)
+
+    @property
+    def spaces(self) -> Sequence[EpisodeSpace]:
+        """The Space of each environment's present episode, for measurements and tests."""
+        return self._spaces
 
     def reset(self, env: int, seed: np.random.SeedSequence) -> None:
         """Begin an episode in one environment; everything random in it comes from `seed`.
@@ -166,7 +173,7 @@ class PhysicsWorld:
         state.pose[..., 2] = wrap_angle(state.pose[..., 2])
 
     def _read_contacts(self) -> None:
-        times = self._control_steps * self.arena.timing.control_period
+        times: Floats = self._control_steps * self.arena.timing.control_period
         self.contacts = self._log.read(self._holder, times, self.arena.timing)
         state = self.state
         state.touched.fill(False)

@@ -1,0 +1,1 @@
+"""Measuring what teams do, and what the simulator costs."""
