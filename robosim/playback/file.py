@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def _reserve(path: Path) -> Path:
         raise InputError(f"Recording {str(path)!r}: the file name must end in .rrd, the viewer's format.")
     if path.is_dir():
         raise InputError(f"Recording {str(path)!r}: this is a folder; give the name of a file in it.")
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = path.with_name(f".{path.name}.{os.getpid()}-{time.time_ns()}.part")
     try:
         part.open("xb").close()
     except OSError as error:

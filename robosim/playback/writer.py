@@ -24,6 +24,8 @@ HEADING_GRID = 5e-3
 """The same for a heading, rad."""
 REWARD_STEPS = 20
 """Decisions between two points of the reward plot; each is the mean of as many."""
+HARD = 0.5
+"""Impulse of a hard contact, as a share of the momentum of a robot at top speed."""
 LOG_PAUSE = 3.0
 """A pair of robots is logged again after this long without a hard contact, s."""
 
@@ -155,7 +157,7 @@ class FrameWriter:
 
     def _write_collision_log(self, frames: FrameColumns) -> None:
         impulse = frames.contact_impulse[: frames.contacts]
-        hard = (impulse >= self._stopping_impulse) & (
+        hard = (impulse >= HARD * self._stopping_impulse) & (
             frames.contact_kind[: frames.contacts] == ContactKind.ROBOT_ROBOT
         )
         events = np.flatnonzero(hard)

@@ -10,7 +10,7 @@ from robosim.envs.frame import Frame
 from robosim.playback import palette, recording
 from robosim.playback.frames import PHEROMONE_STEPS, ROWS
 from robosim.playback.scene import level_of_occupancy, occupancy_of_level
-from robosim.playback.writer import HEADING_GRID, LOG_PAUSE, POSITION_GRID, REWARD_STEPS
+from robosim.playback.writer import HARD, HEADING_GRID, LOG_PAUSE, POSITION_GRID, REWARD_STEPS
 from robosim.world.contacts import Contacts
 
 ROBOTS = 3
@@ -278,7 +278,7 @@ def test_every_delivery_has_its_line(recorded, frames):
 def test_hard_contacts_of_robots_have_lines_at_their_time_unless_one_was_just_written(
     recorded, frames, arena
 ):
-    hard = arena.robot.mass * arena.robot.top_speed
+    hard = HARD * arena.robot.mass * arena.robot.top_speed
     expected, last = [], {}
     for frame in frames:
         contacts = frame.contacts
