@@ -15,6 +15,7 @@ from robosim.robot.drivers import STOP
 from robosim.world.contacts import ContactKind
 from robosim.world.state import WorldState
 
+COLLISION = np.uint8(Mode.COLLISION)
 BLOCKED_SHARE = 0.25
 """A robot that touches something and makes less than this share of its free motion is blocked."""
 CLOSER_SHARE = 0.1
@@ -41,6 +42,8 @@ class DecPomdp:
         self.pheromone = PheromoneMap(self.grid, num_envs, pheromone)
         self.mode = np.zeros(shape, dtype=np.uint8)
         """[envs, robots] without collisions."""
+        self.shown_mode = np.zeros(shape, dtype=np.uint8)
+        """[envs, robots] with Collision overlaid."""
         self.blocked = np.zeros(shape, dtype=np.bool_)
         """[envs, robots] in Collision."""
         self.collided = np.zeros(shape, dtype=np.bool_)
@@ -72,18 +75,14 @@ class DecPomdp:
         self.previous_action[env] = STOP
         self._locate(state)
         self._set_modes(state)
-
-    @property
-    def shown_mode(self) -> NDArray[np.uint8]:
-        """[envs, robots] modes with Collision overlaid."""
-        return np.where(self.blocked, np.uint8(Mode.COLLISION), self.mode)
+        self.shown_mode = self.mode.copy()
 
     def gripper_commands(self) -> NDArray[np.int8]:
         """Return what the modes tell the grippers to do in the next decision, [envs, robots]."""
         return gripper_commands(self.mode)
 
     def update(self, actions: NDArray[np.int64], state: WorldState) -> NDArray[np.float64]:
-        """Take in what a decision with `actions` [envs, robots] has led to; returns the rewards [envs, robots]."""
+        """Take in what `actions` [envs, robots] have led to; returns the rewards [envs, robots]."""
         was_laden, was_mode, was_distances = self._laden, self.mode, self._distances
         motion = state.pose - self._pose
         under_way = actions != STOP
@@ -93,6 +92,7 @@ class DecPomdp:
         turned = np.abs((motion[..., 2] + np.pi) % (2.0 * np.pi) - np.pi)
         still = (motion[..., 0] ** 2 + motion[..., 1] ** 2 < self._still_way**2) & (turned < self._still_turn)
         self.blocked = under_way & still & state.touched.any(axis=0)
+        self.shown_mode = np.where(self.blocked, COLLISION, self.mode)
         self.collided = under_way & state.touched[ContactKind.ROBOT_ROBOT]
         self.collisions = np.where(self.mode == was_mode, self.collisions, 0) + self.collided
         self.previous_action = actions.copy()

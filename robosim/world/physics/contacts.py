@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,42 +48,39 @@ class ContactLog:
 
     def clear(self) -> None:
         """Forget everything: a new decision begins."""
-        self._ids: list[NDArray[np.uintp]] = []
-        self._rows: list[Floats] = []
-        self._envs: list[int] = []
-        self._sizes: list[int] = []
+        self._lengths: list[list[int]] = [[0] for _ in range(self._num_envs)]
 
-    def add(self, env: int, space: EpisodeSpace) -> None:
-        """Take the contacts of the control period that has just passed."""
-        ids, rows = space.arbiters()
-        self._ids.append(ids.copy())
-        self._rows.append(rows.copy())
-        self._envs.append(env)
-        self._sizes.append(len(rows))
+    def add(self, env: int, length: int) -> None:
+        """Take in how long an environment's list of contacts is at the end of a control period."""
+        self._lengths[env].append(length)
 
-    def read(self, holder: Integers, times: Floats, timing: Timing) -> Contacts:
+    def read(
+        self, spaces: Sequence[EpisodeSpace], holder: Integers, times: Floats, timing: Timing
+    ) -> Contacts:
         """Return the decision's contacts that concern a robot, in an order that does not depend on memory.
 
         `holder` [envs, pellets] is the robot that holds a pellet, or -1; `times` [envs] the end of
         the decision in s. What touches a held pellet touches its robot.
         """
-        sizes = np.array(self._sizes)
+        sizes = np.diff(self._lengths, axis=1)
         if not sizes.any():
             return no_contacts()
-        ids = np.concatenate(self._ids)
-        rows = np.concatenate(self._rows)
+        listed = [space.contacts() for space in spaces]
+        ids = np.concatenate([one for one, _ in listed])
+        rows = np.concatenate([one for _, one in listed])
         rank = np.searchsorted(self._sorted_ids, ids)
         np.minimum(rank, len(self._sorted_ids) - 1, out=rank)
         bodies = self._body_of_rank[rank]
         bodies[self._sorted_ids[rank] != ids] = self._bodies
-        row_envs = np.repeat(self._envs, sizes)
+        slot = np.repeat(np.arange(sizes.size), sizes.ravel())
+        row_envs = slot // timing.control_steps
         self._owner[:, self._robots : -1] = np.where(holder >= 0, holder, LOOSE_PELLET)
         owners = self._owner[row_envs[:, None], bodies]
         concerns = np.flatnonzero((owners.max(axis=1) >= 0) & (owners[:, 0] != owners[:, 1]))
         if not concerns.size:
             return no_contacts()
         owners, bodies, rows, envs = owners[concerns], bodies[concerns], rows[concerns], row_envs[concerns]
-        period = np.repeat(np.arange(len(sizes)) // self._num_envs, sizes)[concerns]
+        period = slot[concerns] - envs * timing.control_steps
         # Robots before everything else, lower ones first: one of the two orders in which a pair can come.
         swap = (owners[:, 1] >= 0) & ((owners[:, 0] < 0) | (owners[:, 1] < owners[:, 0]))
         owners[swap] = owners[swap, ::-1]
@@ -91,7 +90,7 @@ class ContactLog:
         b = np.where(other == LOOSE_PELLET, bodies[:, 1] - self._robots, other)
         # The solver lists contacts by the addresses of its shapes, which differ between processes.
         span = self._bodies + 1
-        key = ((envs * timing.control_steps + period) * 3 + kind) * span + bodies[:, 0]
+        key = (slot[concerns] * len(ContactKind) + kind) * span + bodies[:, 0]
         order = np.argsort(key * span + bodies[:, 1], kind="stable")
         time = times[envs] - (timing.control_steps - 1 - period) * timing.control_period
         impulse = np.sqrt(rows[:, 0] ** 2 + rows[:, 1] ** 2)
@@ -109,8 +108,8 @@ def mark_touched(touched: NDArray[np.bool_], contacts: Contacts) -> None:
 
 
 def touching_pellets(space: EpisodeSpace, robots: int) -> Integers:
-    """Return the pairs [n, 2] of pellets that touch, the lower one first, sorted."""
-    ids, _ = space.arbiters()
+    """Return the pairs [n, 2] of pellets that touched in the decision, the lower one first, sorted."""
+    ids, _ = space.contacts()
     known = space.body_ids[robots:]
     order = np.argsort(known)
     rank = np.minimum(np.searchsorted(known, ids, sorter=order), len(known) - 1)

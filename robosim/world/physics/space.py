@@ -29,6 +29,9 @@ REST_SPEED = 2e-3
 WALL_FRICTION = 0.3
 BOX_ROUNDING = 0.1
 """Radius of a box robot's corners, as a share of its width."""
+GRIP_RECOVERY = 0.02
+"""Speed at which a gripper draws back a pellet that a knock has shifted, m/s; slow, or knocks shorter than a
+decision would leave no trace."""
 BOND_SLACK = 0.05
 """Gap over which cohesion begins to pull two pellets together, in pellet radii."""
 
@@ -40,6 +43,7 @@ BODY_FIELDS = (
     | batch.BodyFields.ANGULAR_VELOCITY
 )
 BODY_FLOATS = 6
+POSE_FIELDS = batch.BodyFields.POSITION | batch.BodyFields.ANGLE
 ARBITER_FIELDS = (
     batch.ArbiterFields.BODY_A_ID
     | batch.ArbiterFields.BODY_B_ID
@@ -47,6 +51,7 @@ ARBITER_FIELDS = (
     | batch.ArbiterFields.POINT_A_1
 )
 ARBITER_FLOATS = 4
+ARBITER_INT_BYTES = 2 * np.dtype(np.uintp).itemsize
 COMMAND_FIELDS = batch.BodyFields.VELOCITY | batch.BodyFields.ANGULAR_VELOCITY
 
 
@@ -173,20 +178,33 @@ class EpisodeSpace:
         for _ in range(self._substeps):
             step(substep)
 
-    def bodies(self) -> tuple[NDArray[np.uintp], Floats]:
-        """Return ids [n] and x, y, angle, vx, vy, rate [n, 6] of all bodies present, robots first.
+    def poses(self) -> Floats:
+        """Return x, y, angle of all bodies, [n, 3], robots first.
 
         Robots come first and in order: they are added first, never sleep and are never removed.
         """
+        self._bodies.clear()
+        batch.get_space_bodies(self._space, POSE_FIELDS, self._bodies)
+        return np.frombuffer(self._bodies.float_buf()).reshape(-1, 3)
+
+    def bodies(self) -> tuple[NDArray[np.uintp], Floats]:
+        """Return ids [n] and x, y, angle, vx, vy, rate [n, 6] of all bodies, robots first."""
         self._bodies.clear()
         batch.get_space_bodies(self._space, BODY_FIELDS, self._bodies)
         ids = np.frombuffer(self._bodies.int_buf(), dtype=np.uintp)
         return ids, np.frombuffer(self._bodies.float_buf()).reshape(-1, BODY_FLOATS)
 
-    def arbiters(self) -> tuple[NDArray[np.uintp], Floats]:
-        """Return body ids [n, 2] and impulse x, y, point x, y [n, 4] of the last control period's contacts."""
+    def forget_contacts(self) -> None:
+        """Begin a new list of contacts."""
         self._arbiters.clear()
+
+    def list_contacts(self) -> int:
+        """Append the last control period's contacts to the list; returns its length."""
         batch.get_space_arbiters(self._space, ARBITER_FIELDS, self._arbiters)
+        return len(self._arbiters.int_buf()) // ARBITER_INT_BYTES
+
+    def contacts(self) -> tuple[NDArray[np.uintp], Floats]:
+        """Return the list: body ids [n, 2], and impulse x, y, point x, y [n, 4]."""
         ids = np.frombuffer(self._arbiters.int_buf(), dtype=np.uintp).reshape(-1, 2)
         return ids, np.frombuffer(self._arbiters.float_buf()).reshape(-1, ARBITER_FLOATS)
 
@@ -194,6 +212,7 @@ class EpisodeSpace:
         """Join a pellet to a robot where it is, lift it off the ground, and return where in the robot's frame it is."""
         joint = pymunk.PivotJoint(self._robots[robot], self._pellets[pellet], self._pellets[pellet].position)
         joint.max_force = self._arena.robot.grip_force
+        joint.max_bias = GRIP_RECOVERY
         self._space.add(joint)
         self._grips[pellet] = joint
         slide, spin, _, _ = self._ground[pellet]

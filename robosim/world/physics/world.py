@@ -129,6 +129,8 @@ class PhysicsWorld:
     def step(self, actions: Integers, gripper: NDArray[np.int8]) -> None:
         """Advance all environments by one decision: actions and gripper commands are [envs, robots]."""
         self._log.clear()
+        for space in self._spaces:
+            space.forget_contacts()
         self._driver.begin(self.state.pose, actions)
         for _ in range(self.arena.timing.control_steps):
             self.drive(self._driver.wheel_speeds(self.state.pose))
@@ -157,8 +159,8 @@ class PhysicsWorld:
         self._control_steps += 1
         for env, space in enumerate(self._spaces):
             space.drive()
-            self._log.add(env, space)
-            state.pose[env] = space.bodies()[1][: self.robots, :3]
+            self._log.add(env, space.list_contacts())
+            state.pose[env] = space.poses()[: self.robots]
 
     def _read_bodies(self) -> None:
         """Read velocities and pellets, and fold the headings, at the end of a decision."""
@@ -173,8 +175,8 @@ class PhysicsWorld:
         state.pose[..., 2] = wrap_angle(state.pose[..., 2])
 
     def _read_contacts(self) -> None:
-        times: Floats = self._control_steps * self.arena.timing.control_period
-        self.contacts = self._log.read(self._holder, times, self.arena.timing)
+        times = self._control_steps * np.float64(self.arena.timing.control_period)
+        self.contacts = self._log.read(self._spaces, self._holder, times, self.arena.timing)
         state = self.state
         state.touched.fill(False)
         mark_touched(state.touched, self.contacts)
