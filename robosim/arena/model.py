@@ -41,7 +41,7 @@ class PelletSheet:
     """m."""
     mass: float = 0.02
     """kg."""
-    friction: float = 0.4
+    friction: float = 0.2
     """Coefficient of friction against the ground, and against other bodies."""
     cohesion: float = 0.0
     """Largest force with which two touching pellets hold together, N."""
