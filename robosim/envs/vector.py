@@ -99,6 +99,8 @@ class VectorEnv:
         _one_of("encoding", encoding, ENCODINGS)
         _one_of("reward", reward, REWARD_KINDS)
         _one_of("sharing", sharing, ("copied", "split"))
+        _flag("stigmergy", stigmergy)
+        _flag("autoreset", autoreset)
         pheromone = pheromone or PheromoneConfig()
         self.layout = ObservationLayout(encoding, stigmergy, actions, pheromone.radius)
         self.autoreset = autoreset
@@ -167,7 +169,8 @@ class VectorEnv:
             raise InputError("step: no episode has begun; call reset first.")
         if self.steps_taken >= self.episode_steps:
             raise InputError(
-                f"step: the episode has ended after {self.episode_steps} decisions; call reset to begin another."
+                f"step: the episode has ended after {self.episode_steps} decisions; "
+                "call reset to begin another."
             )
         world, dec = self._world, self._dec
         if self.steps_taken == len(self._history):
@@ -213,11 +216,19 @@ class VectorEnv:
         )
 
     def snapshot(self) -> Snapshot:
-        """Return the present moment, to be restored into an environment of the same kind."""
+        """Return the present moment, to be restored into an environment of the same kind.
+
+        Raises InputError before the first reset.
+        """
+        if self.episode < 0:
+            raise InputError("snapshot: no episode has begun; call reset first.")
         return Snapshot(self.seeds, self.episode, self._history[: self.steps_taken].copy())
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
-        """Return to a moment, exact to the last bit, by running to it again; returns the observations."""
+        """Return to a moment, exact to the last bit, by running to it again; returns the observations.
+
+        Raises InputError for a snapshot of another batch size, or longer than an episode.
+        """
         if snapshot.actions.shape[1:] != (self.num_envs, self.robots):
             raise InputError(
                 f"snapshot: it holds [envs, robots] = {list(snapshot.actions.shape[1:])}, "
@@ -225,7 +236,8 @@ class VectorEnv:
             )
         if len(snapshot.actions) > self.episode_steps:
             raise InputError(
-                f"snapshot: it holds {len(snapshot.actions)} decisions, an episode here has {self.episode_steps}."
+                f"snapshot: it holds {len(snapshot.actions)} decisions, "
+                f"an episode here has {self.episode_steps}."
             )
         self.seeds = snapshot.seeds
         autoreset, self.autoreset = self.autoreset, False
@@ -248,7 +260,7 @@ class VectorEnv:
         )
 
     def _seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:
-        if isinstance(seed, (int, np.integer)):
+        if not isinstance(seed, (list, tuple, range, np.ndarray)):
             root = np.random.SeedSequence(_integer("seed", seed, 0, 2**64 - 1))
             return tuple(int(one) for one in root.generate_state(self.num_envs, np.uint64))
         seeds = tuple(_integer("seed", one, 0, 2**64 - 1) for one in seed)
@@ -260,7 +272,12 @@ class VectorEnv:
 
 
 def _checked_actions(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int64]:
-    array = np.asarray(actions)
+    try:
+        array = np.asarray(actions)
+    except ValueError:
+        raise InputError(
+            f"actions: rows of unequal length; allowed is [envs, robots] = {list(shape)}."
+        ) from None
     if array.shape != shape:
         raise InputError(f"actions: shape {list(array.shape)}; allowed is [envs, robots] = {list(shape)}.")
     if array.dtype.kind not in "iu":
@@ -279,6 +296,11 @@ def _integer(name: str, value: object, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
         raise InputError(f"{name}: {value!r} is not allowed; allowed are whole numbers from {low} to {high}.")
     return int(value)
+
+
+def _flag(name: str, value: object) -> None:
+    if not isinstance(value, (bool, np.bool_)):
+        raise InputError(f"{name}: {value!r} is not allowed; allowed are True and False.")
 
 
 def _one_of(name: str, value: object, allowed: Sequence[str]) -> None:
