@@ -5,30 +5,35 @@ Exit codes: 0 done, 2 wrong input (a sentence on stderr, no traceback), 130 inte
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import os
 import sys
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any, Protocol, Union
+from typing import Annotated
 
 import tyro
 
 import robosim
+from robosim.cli.arena import Arena
+from robosim.cli.bench import Bench
+from robosim.cli.demo import Demo
+from robosim.cli.evaluate import Evaluate
+from robosim.cli.play import Play
+from robosim.cli.train import Train
 from robosim.errors import InputError
 
 DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play back.
 
 `--version` prints the version. `--debug` anywhere, or ROBOSIM_DEBUG=1, shows the traceback of a failure."""
 
-_SUBCOMMANDS = ("demo", "arena", "train", "evaluate", "play", "bench")
-"""Each is the dataclass of that name, with a capital, in its own module beside this one."""
-
-
-class Subcommand(Protocol):
-    """A parsed command line, ready to run."""
-
-    def run(self) -> None: ...
+Subcommand = (
+    Annotated[Demo, tyro.conf.subcommand("demo")]
+    | Annotated[Arena, tyro.conf.subcommand("arena")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
+)
+"""A parsed command line, ready to run."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -75,9 +80,8 @@ def exit_code(action: Callable[[], None], debug: bool) -> int:
 
 def parse(arguments: Sequence[str]) -> Subcommand:
     """Parse a command line without running it."""
-    commands: Any = Union[tuple(_annotated(name) for name in _SUBCOMMANDS if _exists(name))]  # noqa: UP007
     parsed: Subcommand = tyro.cli(
-        commands,
+        Subcommand,
         prog="robosim",
         description=DESCRIPTION,
         args=list(arguments) or ["--help"],
@@ -88,15 +92,6 @@ def parse(arguments: Sequence[str]) -> Subcommand:
 
 def _print_version() -> None:
     print(f"robosim {robosim.__version__}")
-
-
-def _exists(name: str) -> bool:
-    return importlib.util.find_spec(f"robosim.cli.{name}") is not None
-
-
-def _annotated(name: str) -> Any:
-    subcommand = getattr(importlib.import_module(f"robosim.cli.{name}"), name.capitalize())
-    return Annotated[subcommand, tyro.conf.subcommand(name)]
 
 
 def _complain(sentence: str) -> None:

@@ -45,7 +45,8 @@ def test_help_is_quick() -> None:
         run_robosim("--help")
         return time.perf_counter() - start
 
-    assert min(seconds() for _ in range(5)) < 0.6
+    # The best of some tries, for other work on the machine may slow down one.
+    assert any(seconds() < 0.6 for _ in range(8))
 
 
 @pytest.mark.parametrize("arguments", [["fly"], ["arena", "list", "--wings", "2"], ["demo", "--wings"]])

@@ -1,8 +1,10 @@
 import warnings
+from collections.abc import Iterator
 
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3 import DQN
 
@@ -65,6 +67,16 @@ def test_a_controller_of_ones_own_drives_the_others() -> None:
     assert env.step(np.int64(0))[0].shape == env.observation_space.shape
 
 
+@pytest.fixture
+def one_thread() -> Iterator[None]:
+    """Networks this small lose more by sharing out than they gain."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.usefixtures("one_thread")
 def test_stable_baselines3_trains_on_it() -> None:
     env = gymnasium.make("robosim/Excavation-v0", arena="paper", robots=2, episode_steps=500)
     model = DQN("MlpPolicy", env, seed=0, learning_starts=200, buffer_size=3000, train_freq=8, device="cpu")
