@@ -31,6 +31,7 @@ class Grid:
         self._free_flat = self.free.ravel()
         self.size = int(zones.size)
         self.tunnel_length = max(arena.tunnel_length, 1)
+        self._per_length = (self.zones == Zone.TUNNEL) / self.tunnel_length
         self._neighbours = self.flat_steps(NEIGHBOURS)
 
     def flat_steps(self, steps: Integers) -> Integers:
@@ -59,5 +60,4 @@ class Grid:
 
     def tunnel_density(self, cell: Integers) -> Floats:
         """Return robots in the tunnel per cell of its length, n / L, for cells [envs, robots]; [envs]."""
-        inside = self.zones[cell] == Zone.TUNNEL
-        return np.asarray(np.count_nonzero(inside, axis=1) / self.tunnel_length)
+        return np.asarray(self._per_length.take(cell).sum(axis=1))

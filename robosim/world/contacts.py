@@ -19,7 +19,7 @@ class ContactKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Contacts:
-    """The contacts of one decision, one row for each pair of bodies and control period."""
+    """The contacts of one decision: pairs of bodies that press on each other as a control period ends."""
 
     env: NDArray[np.int64]
     """[n] environment."""
@@ -34,7 +34,7 @@ class Contacts:
     position: NDArray[np.float64]
     """[n, 2] m."""
     impulse: NDArray[np.float64]
-    """[n] N s, in the last substep of the control period in which the two touched."""
+    """[n] N s, in the last substep of the control period; over the length of a substep it gives the force."""
 
     def of_env(self, env: int) -> Contacts:
         """Return the contacts of one environment."""

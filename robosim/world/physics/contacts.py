@@ -25,7 +25,7 @@ _KIND_OF_OTHER = np.array(
 class ContactLog:
     """Collects the contacts of all environments during a decision."""
 
-    def __init__(self, num_envs: int, robots: int, pellets: int) -> None:
+    def __init__(self, num_envs: int, robots: int, pellets: int, control_steps: int) -> None:
         self._robots = robots
         self._bodies = robots + pellets
         # Owner of every body of every environment: robots own themselves, one more column for walls.
@@ -33,6 +33,7 @@ class ContactLog:
         self._owner[:, :robots] = np.arange(robots)
         self._owner[:, -1] = WALL
         self._num_envs = num_envs
+        self._slots = np.arange(num_envs * control_steps)
         self._ids_by_env = np.zeros((num_envs, self._bodies), dtype=np.uintp)
         self._sorted_ids = np.zeros(0, dtype=np.uintp)
         self._body_of_rank = np.zeros(0, dtype=np.int64)
@@ -59,28 +60,34 @@ class ContactLog:
     ) -> Contacts:
         """Return the decision's contacts that concern a robot, in an order that does not depend on memory.
 
+        Bodies that have parted again before the end of the control period are listed too, with
+        impulse 0 and no place.
+
         `holder` [envs, pellets] is the robot that holds a pellet, or -1; `times` [envs] the end of
         the decision in s. What touches a held pellet touches its robot.
         """
-        sizes = np.diff(self._lengths, axis=1)
-        if not sizes.any():
+        if not any(lengths[-1] for lengths in self._lengths):
             return no_contacts()
         listed = [space.contacts() for space in spaces]
-        ids = np.concatenate([one for one, _ in listed])
-        rows = np.concatenate([one for _, one in listed])
-        rank = np.searchsorted(self._sorted_ids, ids)
+        ids = np.concatenate([part for part, _ in listed])
+        rows = np.concatenate([part for _, part in listed])
+        rank = self._sorted_ids.searchsorted(ids)
         np.minimum(rank, len(self._sorted_ids) - 1, out=rank)
         bodies = self._body_of_rank[rank]
         bodies[self._sorted_ids[rank] != ids] = self._bodies
-        slot = np.repeat(np.arange(sizes.size), sizes.ravel())
+        lengths = np.array(self._lengths)
+        sizes = lengths[:, 1:] - lengths[:, :-1]
+        slot = self._slots.repeat(sizes.ravel())
         row_envs = slot // timing.control_steps
         self._owner[:, self._robots : -1] = np.where(holder >= 0, holder, LOOSE_PELLET)
         owners = self._owner[row_envs[:, None], bodies]
-        concerns = np.flatnonzero((owners.max(axis=1) >= 0) & (owners[:, 0] != owners[:, 1]))
+        one, other = owners[:, 0], owners[:, 1]
+        concerns = ((np.maximum(one, other) >= 0) & (one != other)).nonzero()[0]
         if not concerns.size:
             return no_contacts()
-        owners, bodies, rows, envs = owners[concerns], bodies[concerns], rows[concerns], row_envs[concerns]
-        period = slot[concerns] - envs * timing.control_steps
+        owners, bodies, rows = owners[concerns], bodies[concerns], rows[concerns]
+        slot, envs = slot[concerns], row_envs[concerns]
+        period = slot - envs * timing.control_steps
         # Robots before everything else, lower ones first: one of the two orders in which a pair can come.
         swap = (owners[:, 1] >= 0) & ((owners[:, 0] < 0) | (owners[:, 1] < owners[:, 0]))
         owners[swap] = owners[swap, ::-1]
@@ -90,13 +97,20 @@ class ContactLog:
         b = np.where(other == LOOSE_PELLET, bodies[:, 1] - self._robots, other)
         # The solver lists contacts by the addresses of its shapes, which differ between processes.
         span = self._bodies + 1
-        key = (slot[concerns] * len(ContactKind) + kind) * span + bodies[:, 0]
-        order = np.argsort(key * span + bodies[:, 1], kind="stable")
+        key = ((slot * len(ContactKind) + kind) * span + bodies[:, 0]) * span + bodies[:, 1]
+        # A robot in a corner touches two walls, which have one key and are told apart by the place.
+        order = np.lexsort((rows[:, 3], rows[:, 2], key))
         time = times[envs] - (timing.control_steps - 1 - period) * timing.control_period
         impulse = np.sqrt(rows[:, 0] ** 2 + rows[:, 1] ** 2)
         return Contacts(
             envs[order], time[order], kind[order], a[order], b[order], rows[order, 2:], impulse[order]
         )
+
+
+def lasting(contacts: Contacts) -> Contacts:
+    """Return the contacts that still press as their control period ends: they have a place and an impulse."""
+    pressing = contacts.impulse > 0.0
+    return contacts if pressing.all() else contacts.where(pressing)
 
 
 def mark_touched(touched: NDArray[np.bool_], contacts: Contacts) -> None:

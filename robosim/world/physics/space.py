@@ -209,7 +209,7 @@ class EpisodeSpace:
         return ids, np.frombuffer(self._arbiters.float_buf()).reshape(-1, ARBITER_FLOATS)
 
     def grip(self, robot: int, pellet: int) -> tuple[float, float]:
-        """Join a pellet to a robot where it is, lift it off the ground, and return where in the robot's frame it is."""
+        """Join a pellet to a robot and lift it off the ground; returns its place in the robot's frame, m."""
         joint = pymunk.PivotJoint(self._robots[robot], self._pellets[pellet], self._pellets[pellet].position)
         joint.max_force = self._arena.robot.grip_force
         joint.max_bias = GRIP_RECOVERY

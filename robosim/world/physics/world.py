@@ -12,7 +12,7 @@ from robosim.errors import InputError
 from robosim.robot.drivers import ActionKind, make_driver
 from robosim.robot.kinematics import body_twist, slew, wrap_angle
 from robosim.world.contacts import ContactKind, no_contacts
-from robosim.world.physics.contacts import ContactLog, mark_touched, touching_pellets
+from robosim.world.physics.contacts import ContactLog, lasting, mark_touched, touching_pellets
 from robosim.world.physics.space import Draws, EpisodeSpace
 from robosim.world.state import Gripper, PelletStatus, WorldState
 
@@ -79,7 +79,7 @@ class PhysicsWorld:
         self._listed_ids = np.zeros((num_envs, pellets + 1), dtype=np.uintp)
         self._rank_slot = np.zeros((num_envs, pellets + 1), dtype=np.intp)
         self._slots = np.zeros((num_envs, pellets + 1, 2))
-        self._log = ContactLog(num_envs, robots, pellets)
+        self._log = ContactLog(num_envs, robots, pellets, timing.control_steps)
 
     @property
     def spaces(self) -> Sequence[EpisodeSpace]:
@@ -176,10 +176,11 @@ class PhysicsWorld:
 
     def _read_contacts(self) -> None:
         times = self._control_steps * np.float64(self.arena.timing.control_period)
-        self.contacts = self._log.read(self._spaces, self._holder, times, self.arena.timing)
+        touches = self._log.read(self._spaces, self._holder, times, self.arena.timing)
         state = self.state
         state.touched.fill(False)
-        mark_touched(state.touched, self.contacts)
+        mark_touched(state.touched, touches)
+        self.contacts = lasting(touches)
         if self.arena.pellets.cohesion > 0.0:
             for env, space in enumerate(self._spaces):
                 space.cohere(touching_pellets(space, self.robots), state.pellets[env])
@@ -211,7 +212,7 @@ class PhysicsWorld:
             self._refill(waiting)
 
     def _torn(self, cos: Floats, sin: Floats) -> NDArray[np.bool_]:
-        """Return whose pellets are pushed too far out of their grippers, [envs, robots]; of laden robots only."""
+        """Return whose pellets are pushed too far out of the gripper, [envs, robots]; of laden robots only."""
         state, anchor = self.state, self._anchor
         pellet = state.pellets[self._env_rows, state.held]
         dx = cos * anchor[..., 0] - sin * anchor[..., 1] + (state.pose[..., 0] - pellet[..., 0])
@@ -281,29 +282,33 @@ class PhysicsWorld:
 
     def _refill(self, waiting: NDArray[np.bool_]) -> None:
         """Put fresh pellets to random places of the source that are clear of everything."""
-        state, arena = self.state, self.arena
+        state = self.state
         for env, pellet in np.argwhere(waiting).tolist():
-            present = state.pellet_status[env] != ABSENT
-            places = arena.pellet_places
-            clear = _clear_of(places, state.pellets[env][present], 2.0 * arena.pellets.radius + REFILL_MARGIN)
-            reach = arena.robot.outer_radius + arena.pellets.radius + REFILL_MARGIN
-            clear &= _clear_of(places, state.pose[env, :, :2], reach)
-            room = np.flatnonzero(clear)
-            if room.size == 0:
+            place = self._free_place(env)
+            if place is None:
                 continue
-            place = places[room[int(self._rngs[env].integers(room.size))]]
             self._spaces[env].place(pellet, place)
             state.pellets[env, pellet] = place
             state.pellet_status[env, pellet] = LOOSE
             state.refilled[env] += 1
             state.fresh[env, pellet] = True
 
-
-def _clear_of(places: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
-    """Return which places [n, 2] are at least `distance` away from all others [m, 2]."""
-    apart = places[:, None, :] - others[None, :, :]
-    squared = apart[..., 0] ** 2 + apart[..., 1] ** 2
-    return np.asarray((squared >= distance * distance).all(axis=1))
+    def _free_place(self, env: int) -> Floats | None:
+        """Return a random place of the source that is clear of everything, or None if there is none."""
+        state, arena = self.state, self.arena
+        others = np.concatenate(
+            [state.pose[env, :, :2], state.pellets[env][state.pellet_status[env] != ABSENT]]
+        )
+        reach = np.full(len(others), 2.0 * arena.pellets.radius + REFILL_MARGIN)
+        reach[: self.robots] = arena.robot.outer_radius + arena.pellets.radius + REFILL_MARGIN
+        reach *= reach
+        for choice in self._rngs[env].permutation(len(arena.pellet_places)).tolist():
+            place: Floats = arena.pellet_places[choice]
+            apart = others - place
+            apart *= apart
+            if (apart[:, 0] + apart[:, 1] >= reach).all():
+                return place
+        return None
 
 
 def draw_episode(arena: Arena, robots: int, rng: np.random.Generator) -> tuple[Draws, Floats]:
