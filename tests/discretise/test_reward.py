@@ -1,0 +1,128 @@
+from typing import Literal
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robosim.discretise.reward import RewardConfig, rewards
+from tests.discretise.plain import reward_of
+from tests.discretise.recorded import RUNS, recorded
+
+YES, NO = np.array([[True]]), np.array([[False]])
+NONE, ONE = np.array([[0]]), np.array([[1]])
+
+
+@pytest.mark.parametrize(
+    ("signal", "value"),
+    [
+        ({}, 0.0),
+        ({"closer": YES}, 0.2 * 2.5),
+        ({"collided": YES}, 0.2 * -2.0),
+        ({"collided": YES, "laden": YES}, 0.0),
+        ({"closer": YES, "laden": YES}, 0.2 * 2.5),
+        ({"pickups": ONE}, 0.2 * 50.0),
+        ({"deliveries": ONE}, 0.4 * 50.0),
+        ({"closer": YES, "collided": YES, "pickups": ONE, "deliveries": ONE}, 0.5 - 0.4 + 10.0 + 20.0),
+    ],
+)
+def test_the_four_signals_have_the_papers_values_and_weights(
+    signal: dict[str, np.ndarray], value: float
+) -> None:
+    nothing = {"closer": NO, "collided": NO, "laden": NO, "pickups": NONE, "deliveries": NONE}
+    assert rewards(RewardConfig(), **(nothing | signal)).tolist() == [[pytest.approx(value)]]
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["local", "global"]), st.sampled_from(["copied", "split"]))
+def test_a_batch_is_what_loops_say(
+    seed: int, kind: Literal["local", "global"], sharing: Literal["copied", "split"]
+) -> None:
+    rng = np.random.default_rng(seed)
+    envs, robots = 3, int(rng.integers(1, 9))
+    closer, collided, laden = rng.random((3, envs, robots)) < 0.5
+    pickups = rng.integers(0, 2, (envs, robots))
+    deliveries = rng.integers(0, 4, (envs, robots))
+    got = rewards(RewardConfig(kind=kind, sharing=sharing), closer, collided, laden, pickups, deliveries)
+    for env in range(envs):
+        for robot in range(robots):
+            if kind == "local":
+                picked, dumped = pickups[env, robot], deliveries[env, robot]
+            else:
+                divisor = robots if sharing == "split" else 1
+                picked = sum(pickups[env].tolist()) / divisor
+                dumped = sum(deliveries[env].tolist()) / divisor
+            alone = closer[env, robot], collided[env, robot], laden[env, robot]
+            assert got[env, robot] == pytest.approx(reward_of(*alone, picked, dumped), abs=1e-12)
+
+
+def test_a_shared_reward_stays_within_its_environment() -> None:
+    pickups = np.array([[1, 0, 0], [0, 0, 0]])
+    no = np.zeros((2, 3), dtype=np.bool_)
+    none = np.zeros((2, 3), dtype=np.int64)
+    copied = rewards(RewardConfig(kind="global", sharing="copied"), no, no, no, pickups, none)
+    assert copied.tolist() == [[10.0, 10.0, 10.0], [0.0, 0.0, 0.0]]
+    split = rewards(RewardConfig(kind="global", sharing="split"), no, no, no, pickups, none)
+    assert split.tolist() == [[10.0 / 3] * 3, [0.0] * 3]
+    local = rewards(RewardConfig(kind="local"), no, no, no, pickups, none)
+    assert local.tolist() == [[10.0, 0.0, 0.0], [0.0] * 3]
+
+
+def test_along_a_run_a_pellet_pays_once_until_it_is_delivered() -> None:
+    """Robots that keep losing their pellets earn nothing by taking them again; fresh ones pay again."""
+    run = recorded("tiny")
+    assert run.reward == "global"
+    taken = paid = delivered = 0
+    for env in range(run.num_envs):
+        trips = set()
+        generation = [0] * run.arena.pellets.count
+        held = run.start.held[env]
+        for moment in run.moments:
+            for robot, pellet in enumerate(moment.held[env].tolist()):
+                if pellet >= 0 and held[robot] < 0:
+                    taken += 1
+                    trips.add((pellet, generation[pellet]))
+            held = moment.held[env]
+            for pellet in np.flatnonzero(moment.fresh[env]).tolist():
+                generation[pellet] += 1
+            delivered += int(moment.deliveries[env].sum())
+        paid += len(trips)
+        shaping = sum(
+            0.5 * _closer(run, env, index) - 0.4 * _penalised(run, env, index)
+            for index in range(len(run.moments))
+        )
+        total = sum(float(moment.reward[env].sum(dtype=np.float64)) for moment in run.moments)
+        pays = 10.0 * len(trips) + 20.0 * sum(int(m.deliveries[env].sum()) for m in run.moments)
+        assert total == pytest.approx(run.robots * pays + shaping, abs=1e-3)
+        assert max(generation) > 0
+    assert taken > 2 * paid > 0
+    assert delivered > 0
+
+
+def _before(run, index):
+    return run.moments[index - 1] if index else run.start
+
+
+def _closer(run, env: int, index: int) -> int:
+    before, after = _before(run, index), run.moments[index]
+    goal = np.where(before.held[env] >= 0, 0, 1)
+    sample = run.arena.distances.sample
+    gain = sample(before.pose[env, :, :2]) - sample(after.pose[env, :, :2])
+    least = 0.1 * run.arena.robot.top_speed * run.arena.timing.decision_period
+    return sum(bool(gain[robot, goal[robot]] > least) for robot in range(run.robots))
+
+
+def _penalised(run, env: int, index: int) -> int:
+    return int((run.moments[index].collided[env] & (_before(run, index).held[env] < 0)).sum())
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_nobody_is_fined_for_standing_or_while_laden(name: str) -> None:
+    """The least reward is the fine, and it falls on nobody who stood still or carried a pellet."""
+    run = recorded(name)
+    held = run.start.held
+    for moment in run.moments:
+        fined = moment.reward < 0.0
+        assert not (fined & (held >= 0)).any()
+        assert not (fined & (moment.actions == 4)).any()
+        assert moment.reward.min() >= np.float32(-0.4)
+        held = moment.held
