@@ -25,7 +25,11 @@ SHOULDER = 0.8
 PATIENCE = 8
 """Decisions without motion after which a robot backs off."""
 BACK_OFF = 5
-"""Decisions for which it does."""
+"""Decisions for which it does; longer, and to other sides, each time that it has not helped."""
+NO_HEADWAY = 24
+"""Decisions of moving about without headway after which a robot backs off too."""
+HEADWAY = 1.0
+"""What counts as headway, in cells."""
 REVERSE = np.array([1, 0, 3, 2, 4], dtype=np.int64)
 """[5] the opposite of each cardinal action."""
 
@@ -52,6 +56,11 @@ class LanesController:
         self._backing = np.zeros(shape, dtype=np.int64)
         self._escape = np.zeros(shape, dtype=np.int64)
         self._last = env.world.state.pose.copy()
+        self._mark = self._last[..., :2].copy()
+        self._since_mark = np.zeros(shape, dtype=np.int64)
+        self._attempts = np.zeros(shape, dtype=np.int64)
+        self._nearest = np.full(shape, np.inf)
+        self._heading_out = np.zeros(shape, dtype=np.int64)
         self._gates = [[_Gate() for _ in range(self._routes.gates)] for _ in range(env.num_envs)]
 
     def act(self, env: VectorEnv, observation: NDArray[np.float32]) -> Integers:
@@ -85,6 +94,7 @@ class LanesController:
         if routes.gates:
             self._hold_at_gates(row, column, heading_out, best, action)
             self._clear_mouths(row, column, blocked, action)
+        self._judge_headway(heading_out, here)
         return self._back_off(env, blocked, cost, best, action)
 
     def _blocked(self, env: VectorEnv, place: Floats) -> Bools:
@@ -142,17 +152,40 @@ class LanesController:
         self._waited = np.where(held_back, self._waited + 1, 0)
         # Robots lose patience one after the other, or two that block each other would mirror each other.
         patience = PATIENCE + 3 * np.arange(env.robots)
-        fed_up = (self._waited > patience) & (self._backing == 0)
+        fed_up = (self._waited > patience) | self._without_headway(env, action)
+        fed_up &= self._backing == 0
         if fed_up.any():
             ways = np.where(blocked | ~np.isfinite(cost), -np.inf, cost)
-            retreat = ways.argmax(axis=2)
-            possible = np.isfinite(ways).any(axis=2)
-            self._escape = np.where(fed_up, np.where(possible, retreat, REVERSE[best]), self._escape)
-            self._backing = np.where(fed_up, BACK_OFF, self._backing)
+            # The way back first; when that has not helped, the next best ways away from the goal.
+            order = np.argsort(-ways, axis=2, kind="stable")
+            possible = np.isfinite(ways).sum(axis=2)
+            which = self._attempts % np.maximum(possible - 1, 1)
+            retreat = np.take_along_axis(order, which[..., None], axis=2)[..., 0]
+            self._escape = np.where(fed_up, np.where(possible > 0, retreat, REVERSE[best]), self._escape)
+            self._backing = np.where(fed_up, BACK_OFF + 2 * (self._attempts % 4), self._backing)
             self._waited = np.where(fed_up, 0, self._waited)
+            self._attempts += fed_up
         action = np.where(self._backing > 0, self._escape, action)
         self._backing = np.maximum(self._backing - 1, 0)
         return action.astype(np.int64)
+
+    def _judge_headway(self, heading_out: Integers, here: Floats) -> None:
+        """Forget failed attempts to get free once a robot is nearer to its goal than ever on this way."""
+        turned = heading_out != self._heading_out
+        self._attempts[turned | (here < self._nearest)] = 0
+        self._nearest = np.where(turned, here, np.minimum(self._nearest, here))
+        self._heading_out = heading_out
+
+    def _without_headway(self, env: VectorEnv, action: Integers) -> Bools:
+        """Return which robots have moved about for long and got nowhere, [envs, robots]."""
+        place = env.world.state.pose[..., :2]
+        far = ((place - self._mark) ** 2).sum(axis=2) > (HEADWAY * env.arena.cell_size) ** 2
+        waits = (action == STOP) & (self._backing == 0)
+        self._mark = np.where((far | waits)[..., None], place, self._mark)
+        self._since_mark = np.where(far | waits, 0, self._since_mark + 1)
+        tired = self._since_mark > NO_HEADWAY
+        self._since_mark[tired] = 0
+        return np.asarray(tired)
 
     def _held_at_gate_mask(self, env: VectorEnv, action: Integers) -> Integers:
         """Return where robots wait for a gate: they are patient, [envs, robots]."""
@@ -196,12 +229,10 @@ class LanesController:
         """Send the robots that wait in front of a mouth aside, out of the way of those inside; changes `action`."""
         routes, steps = self._routes, CARDINAL_STEPS[:4]
         in_the_way = self._waiting & (routes.mouth[row, column] >= 0)
-        away = routes.mouth_distance[row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
-        away = np.where(blocked | ~np.isfinite(away), -np.inf, away)
-        best = away.argmax(axis=2)
-        useful = (
-            np.take_along_axis(away, best[..., None], axis=2)[..., 0] > routes.mouth_distance[row, column]
-        )
+        aside = routes.aside[row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
+        aside = np.where(blocked, np.inf, aside)
+        best = aside.argmin(axis=2)
+        useful = np.take_along_axis(aside, best[..., None], axis=2)[..., 0] < routes.aside[row, column]
         np.copyto(action, np.where(in_the_way & useful, best, action))
 
     def _tunnel_ahead(self, row: Integers, column: Integers, heading_out: Integers) -> Bools:

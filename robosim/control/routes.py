@@ -40,8 +40,8 @@ class Routes:
     """[rows + 2, columns + 2] number of the one-robot-wide tunnel that a cell belongs to, or -1."""
     mouth: Integers
     """[rows + 2, columns + 2] number of the one-robot-wide tunnel whose mouth the cell must keep clear, or -1."""
-    mouth_distance: Floats
-    """[rows + 2, columns + 2] distance to the nearest such tunnel, in cells; short straight ahead of it."""
+    aside: Floats
+    """[rows + 2, columns + 2] way out of what must be kept clear, in cells; 0 outside it, inf in walls."""
     gates: int
     """How many one-robot-wide tunnels carry traffic in both directions."""
 
@@ -79,13 +79,14 @@ def plan_routes(arena: Arena) -> Routes:
             _costs(free, zones == Zone.HOME, fee[OUTBOUND]),
         ]
     )
-    distance = _costs(free, gate >= 0, _straight_ahead_is_near(gate, free))
+    mouth = _mouths(gate, free, _costs(free, gate >= 0, _straight_ahead_is_near(gate, free)))
+    aside = _costs(free, free & (gate < 0) & (mouth < 0), np.ones(zones.shape))
     axis = np.full((2, *zones.shape), -1)
     if arena.robot.shape != "circle":
         for direction, plain in ((INBOUND, to_source), (OUTBOUND, to_home)):
             for row, column in np.argwhere(zones == Zone.TUNNEL).tolist():
                 axis[direction, row, column] = _downhill(plain, row, column)
-    return Routes(cost, axis, zones, gate, _mouths(gate, free, distance), distance, gates)
+    return Routes(cost, axis, zones, gate, mouth, aside, gates)
 
 
 def _cramped(arena: Arena, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
