@@ -35,7 +35,7 @@ REVERSE = np.array([1, 0, 3, 2, 4], dtype=np.int64)
 
 
 class LanesController:
-    """Right lane in, left lane out; yields to the robot ahead; takes turns in tunnels one robot wide; backs off when stuck."""
+    """Keeps right, yields to the robot ahead, takes turns in tunnels one robot wide, backs off when stuck."""
 
     name = "lanes"
 
@@ -46,7 +46,8 @@ class LanesController:
     def reset(self, env: VectorEnv) -> None:
         if env.layout.actions != "cardinal":
             raise InputError(
-                f"lanes: drives by cardinal actions only, and the environment's actions are {env.layout.actions!r}."
+                "lanes: drives by cardinal actions only, "
+                f"and the environment's actions are {env.layout.actions!r}."
             )
         if env.arena is not self._arena:
             self._arena = env.arena
@@ -226,7 +227,7 @@ class LanesController:
                 self._waiting[env] |= refused
 
     def _clear_mouths(self, row: Integers, column: Integers, blocked: Bools, action: Integers) -> None:
-        """Send the robots that wait in front of a mouth aside, out of the way of those inside; changes `action`."""
+        """Send the robots that wait in front of a mouth aside, so that others come out; changes `action`."""
         routes, steps = self._routes, CARDINAL_STEPS[:4]
         in_the_way = self._waiting & (routes.mouth[row, column] >= 0)
         aside = routes.aside[row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
@@ -236,7 +237,7 @@ class LanesController:
         np.copyto(action, np.where(in_the_way & useful, best, action))
 
     def _tunnel_ahead(self, row: Integers, column: Integers, heading_out: Integers) -> Bools:
-        """Return whether a robot's goal lies beyond the tunnel: the source for inbound, the home for outbound ones."""
+        """Return whose goal lies beyond the tunnel: the source for inbound, the home for outbound robots."""
         routes = self._routes
         near_home = routes.cost[OUTBOUND, row, column] < routes.cost[INBOUND, row, column]
         return np.asarray(np.where(heading_out == INBOUND, near_home, ~near_home))

@@ -32,14 +32,14 @@ class Routes:
     cost: Floats
     """[2, rows + 2, columns + 2] cost to the source (inbound) and to the home (outbound); inf in walls."""
     axis: Integers
-    """[2, rows + 2, columns + 2] the action that follows a tunnel inbound and outbound; -1 outside tunnels, and
-    everywhere for robots that can turn on the spot in a tunnel."""
+    """[2, rows + 2, columns + 2] the action that follows a tunnel inbound and outbound; -1 outside tunnels,
+    and everywhere for robots that can turn on the spot in a tunnel."""
     zones: NDArray[np.uint8]
     """[rows + 2, columns + 2]."""
     gate: Integers
     """[rows + 2, columns + 2] number of the one-robot-wide tunnel that a cell belongs to, or -1."""
     mouth: Integers
-    """[rows + 2, columns + 2] number of the one-robot-wide tunnel whose mouth the cell must keep clear, or -1."""
+    """[rows + 2, columns + 2] number of the one-robot-wide tunnel in whose mouth the cell lies, or -1."""
     aside: Floats
     """[rows + 2, columns + 2] way out of what must be kept clear, in cells; 0 outside it, inf in walls."""
     gates: int
@@ -47,7 +47,7 @@ class Routes:
 
 
 def plan_routes(arena: Arena) -> Routes:
-    """Work out lanes: keep to the right in a wide tunnel; of several tunnels, one way each where that helps."""
+    """Work out lanes: to the right in a wide tunnel; of several tunnels, one way each where that helps."""
     zones = np.pad(arena.zones, 1, constant_values=int(Zone.WALL))
     free = zones != Zone.WALL
     to_source = _costs(free, zones == Zone.SOURCE, np.ones(zones.shape))
@@ -119,7 +119,7 @@ def _costs(free: NDArray[np.bool_], goal: NDArray[np.bool_], fee: Floats) -> Flo
 
 
 def _components(mask: NDArray[np.bool_]) -> Integers:
-    """Number the connected parts of a mask from 0; -1 outside."""
+    """Give the connected parts of a mask numbers from 0; -1 outside."""
     label = np.full(mask.shape, -1)
     parts = 0
     for row, column in np.argwhere(mask).tolist():
