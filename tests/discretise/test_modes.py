@@ -53,14 +53,14 @@ def test_grippers_take_in_digging_open_in_dumping_and_keep_otherwise() -> None:
     assert {mode: commands[mode] for mode in Mode} == expected
 
 
-# What can follow what, for a robot that moves less than a cell and a half in a decision. Beside these,
-# every mode may last.
+# What can follow what: every mode may last, and a pellet may be lost at any time. Missing are the leaps:
+# nobody on the way unladen is laden at once, and nobody gets from the home to the source in a decision.
 NEXT = {
     Mode.EXIT_HOME: {Mode.GOING_TO_DIG, Mode.DIGGING},
     Mode.GOING_TO_DIG: {Mode.DIGGING, Mode.EXIT_HOME},
-    Mode.DIGGING: {Mode.EXIT_DIGGING, Mode.GOING_HOME, Mode.GOING_TO_DIG, Mode.EXIT_HOME},
+    Mode.DIGGING: {Mode.EXIT_DIGGING, Mode.GOING_HOME, Mode.DUMPING, Mode.GOING_TO_DIG, Mode.EXIT_HOME},
     Mode.EXIT_DIGGING: {Mode.GOING_HOME, Mode.DIGGING, Mode.GOING_TO_DIG},
-    Mode.GOING_HOME: {Mode.DUMPING, Mode.EXIT_DIGGING, Mode.DIGGING, Mode.GOING_TO_DIG},
+    Mode.GOING_HOME: {Mode.DUMPING, Mode.EXIT_DIGGING, Mode.DIGGING, Mode.GOING_TO_DIG, Mode.EXIT_HOME},
     Mode.DUMPING: {Mode.EXIT_HOME, Mode.GOING_TO_DIG, Mode.DIGGING},
 }
 
