@@ -66,9 +66,10 @@ class Watch:
 
     def report(self, decisions: int) -> None:
         print(
-            f"{self.env.arena.name}: {decisions} decisions of {self.env.robots} robots; {self.picked} pellets "
-            f"taken, {self.lost} torn loose, {self.delivered} delivered; deepest overlap with a wall: "
-            f"robots {1000 * self.robots:.3f} mm, pellets {1000 * self.pellets:.3f} mm"
+            f"{self.env.arena.name}: {decisions} decisions of {self.env.robots} robots; "
+            f"{self.picked} pellets taken, {self.lost} torn loose, {self.delivered} delivered; "
+            f"deepest overlap with a wall: robots {1000 * self.robots:.3f} mm, "
+            f"pellets {1000 * self.pellets:.3f} mm"
         )
         sheets = self.env.arena.robot, self.env.arena.pellets
         light = sheets[1].mass < 0.03 * sheets[0].mass
