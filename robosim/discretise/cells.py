@@ -61,3 +61,21 @@ class Grid:
     def tunnel_density(self, cell: Integers) -> Floats:
         """Return robots in the tunnel per cell of its length, n / L, for cells [envs, robots]; [envs]."""
         return np.asarray(self._per_length.take(cell).sum(axis=1))
+
+
+def progress_table(grid: Grid, arena: Arena) -> Floats:
+    """Return how much nearer the neighbours of each cell are to the goals, [cells, 8], in cells, -1 to 1.
+
+    To home for the neighbours N, S, W and E, then to the source; a wall counts as -1.
+    """
+    rows, columns = np.indices(grid.shape) - grid.margin
+    centres = (np.stack([columns, rows], axis=-1) + 0.5) * grid.cell_size
+    distance = arena.distances.sample(centres) * (1.0 / grid.cell_size)
+    distance[~grid.free] = np.inf
+    flat = distance.reshape(-1, 2)
+    table = np.full((grid.size, 2, 4), -1.0)
+    cells = np.flatnonzero(grid.free)
+    around = cells[:, None] + grid.flat_steps(NEIGHBOURS[:4])
+    gained = flat[cells][:, None] - flat[around]
+    table[cells] = np.clip(gained, -1.0, 1.0).swapaxes(1, 2)
+    return table.reshape(-1, 8)

@@ -6,18 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena
-from robosim.discretise.cells import Grid
+from robosim.discretise.cells import Grid, progress_table
 from robosim.discretise.modes import Mode, gripper_commands, modes
 from robosim.discretise.observation import ObservationLayout, OwnState, write_own_state
 from robosim.discretise.pheromone import PheromoneConfig, PheromoneMap
 from robosim.discretise.reward import RewardConfig, rewards
 from robosim.robot.drivers import STOP
 from robosim.world.contacts import ContactKind
-from robosim.world.state import WorldState
+from robosim.world.state import PelletStatus, WorldState
 
 COLLISION = np.uint8(Mode.COLLISION)
 BLOCKED_SHARE = 0.25
 """A robot that touches something and makes less than this share of its free motion is blocked."""
+SIGHT = 2.0
+"""How far to each side a robot sees a loose pellet, in cells; only the expanded encoding uses it."""
 CLOSER_SHARE = 0.1
 """Progress toward the goal that counts as closer, as a share of a decision's way at top speed."""
 
@@ -61,6 +63,9 @@ class DecPomdp:
         self._observation = np.zeros((*shape, layout.size), dtype=np.float32)
         width, height = arena.size
         self._per_size = np.array([1.0 / width, 1.0 / height])
+        self._progress = progress_table(self.grid, arena)
+        self._env_rows = np.arange(num_envs)[:, None]
+        self._per_sight = 1.0 / (SIGHT * arena.cell_size)
         self._per_farthest = 1.0 / float(arena.distances.raster.max())
         sheet, period = arena.robot, arena.timing.decision_period
         self._closer_by = CLOSER_SHARE * sheet.top_speed * period
@@ -113,6 +118,7 @@ class DecPomdp:
     def observe(self, state: WorldState) -> NDArray[np.float32]:
         """Return the observations [envs, robots, size] in a fresh array."""
         out = np.empty_like(self._observation)
+        expanded = self.layout.encoding == "expanded"
         own = OwnState(
             mode=self.shown_mode,
             laden=self._laden,
@@ -122,15 +128,28 @@ class DecPomdp:
             previous_action=self.previous_action,
             collisions=self.collisions,
             distances=self._distances * self._per_farthest,
-            free_neighbours=(
-                self.grid.free_neighbours(self._cell) if self.layout.encoding == "expanded" else None
-            ),
+            free_neighbours=self.grid.free_neighbours(self._cell) if expanded else None,
+            progress=self._progress.take(self._cell, axis=0) if expanded else None,
+            pellet=self._pellet_in_sight(state) if expanded else None,
         )
         end = write_own_state(self.layout, own, out)
         if self.layout.stigmergy:
             self.pheromone.read(self._cell, out[..., end:-1])
             np.minimum(self.density, 1.0, out=out[..., -1].T)
         return out
+
+    def _pellet_in_sight(self, state: WorldState) -> NDArray[np.float64]:
+        """Return whether a loose pellet is within `SIGHT`, and where it lies from the robot, [envs, robots, 3]."""
+        seen = np.zeros((*self._cell.shape, 3))
+        if state.pellets.size:
+            where = (self._env_rows, state.nearest)
+            apart = seen[..., 1:]
+            np.subtract(state.pellets[where], state.pose[..., :2], out=apart)
+            apart *= self._per_sight
+            loose = state.pellet_status[where] == PelletStatus.LOOSE
+            seen[..., 0] = loose & (np.abs(apart).max(axis=2) <= 1.0)
+            apart *= seen[..., :1]
+        return seen
 
     def _locate(self, state: WorldState) -> None:
         coordinates = self.grid.cell_coordinates(state.pose[..., :2])

@@ -45,6 +45,9 @@ class ObservationLayout:
         if self.encoding == "expanded":
             own += ["offset in cell x", "offset in cell y", "laden"]
             own += [f"free {side}" for side in _COMPASS]
+            own += [f"progress home {side}" for side in _COMPASS[:4]]
+            own += [f"progress to source {side}" for side in _COMPASS[:4]]
+            own += ["pellet seen", "pellet x", "pellet y"]
         if self.stigmergy:
             side = range(-self.radius, self.radius + 1)
             own += [
@@ -65,7 +68,11 @@ class ObservationLayout:
     def low(self) -> NDArray[np.float32]:
         """[size] lower bounds."""
         signed = {"heading", "heading sine", "heading cosine", "offset in cell x", "offset in cell y"}
-        return np.array([-1.0 if name in signed else 0.0 for name in self.names], dtype=np.float32)
+        signed |= {"pellet x", "pellet y"}
+        return np.array(
+            [-1.0 if name in signed or name.startswith("progress") else 0.0 for name in self.names],
+            dtype=np.float32,
+        )
 
     @cached_property
     def high(self) -> NDArray[np.float32]:
@@ -93,6 +100,12 @@ class OwnState:
     """[envs, robots, 2] to home and source over the largest in the arena, 0 to 1."""
     free_neighbours: NDArray[np.bool_] | None
     """[envs, robots, 8] neither wall nor robot; only the expanded encoding needs it."""
+    progress: NDArray[np.float64] | None
+    """[envs, robots, 8] how much nearer the cells to N, S, W and E are to home, and then to the source, in
+    cells, -1 for walls; only the expanded encoding needs it."""
+    pellet: NDArray[np.float64] | None
+    """[envs, robots, 3] whether a loose pellet lies within sight, and where from the robot's centre, in
+    units of the sight; only the expanded encoding needs it."""
 
 
 _MODE_CODES = np.eye(len(Mode), dtype=np.float32)
@@ -122,5 +135,8 @@ def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.fl
     out[..., 17:19] = own.distances
     out[..., 19:21] = own.offset
     out[..., 21] = own.laden
-    out[..., 22 : 22 + len(NEIGHBOURS)] = own.free_neighbours
-    return 22 + len(NEIGHBOURS)
+    end = 22 + len(NEIGHBOURS)
+    out[..., 22:end] = own.free_neighbours
+    out[..., end : end + 8] = own.progress
+    out[..., end + 8 : end + 11] = own.pellet
+    return end + 11

@@ -46,6 +46,8 @@ class WorldState:
     """[envs, robots, 3] x m/s, y m/s, turning rate rad/s."""
     held: Integers
     """[envs, robots] the pellet that a robot holds, or -1."""
+    nearest: Integers
+    """[envs, robots] the pellet nearest to a robot's gripper; a loose one if there is any."""
     touching: Integers
     """[envs, robots] the loose pellet that a robot's gripper touches, or -1."""
     pellets: Floats

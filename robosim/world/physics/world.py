@@ -52,6 +52,7 @@ class PhysicsWorld:
             pose=np.zeros((*shape, 3)),
             velocity=np.zeros((*shape, 3)),
             held=np.full(shape, -1),
+            nearest=np.zeros(shape, dtype=np.int64),
             touching=np.full(shape, -1),
             pellets=np.zeros((num_envs, pellets, 2)),
             pellet_status=np.zeros((num_envs, pellets), dtype=np.uint8),
@@ -248,7 +249,7 @@ class PhysicsWorld:
             self._spaces[env].take_out(pellet)
 
     def _feel_pellets(self, cos: Floats, sin: Floats) -> None:
-        """Find the nearest loose pellet that each empty gripper touches."""
+        """Find the loose pellet nearest to each gripper, and whether the gripper touches it."""
         state = self.state
         if not state.pellet_status.size:
             return
@@ -259,19 +260,18 @@ class PhysicsWorld:
         dx *= dx
         dy *= dy
         dx += dy
-        felt = dx <= self._gripper_reach**2
-        felt &= (state.pellet_status == LOOSE)[:, None]
-        felt &= (state.held < 0)[..., None]
-        state.touching.fill(-1)
-        if felt.any():
-            dx[~felt] = np.inf
-            np.copyto(state.touching, dx.argmin(axis=2), where=felt.any(axis=2))
+        np.copyto(dx, np.inf, where=(state.pellet_status != LOOSE)[:, None])
+        nearest = dx.argmin(axis=2)
+        felt = dx.min(axis=2) <= self._gripper_reach**2
+        felt &= state.held < 0
+        state.nearest = nearest
+        state.touching = np.where(felt, nearest, -1)
 
     def _take(self, takers: NDArray[np.bool_]) -> None:
         state = self.state
         for env, robot in np.argwhere(takers).tolist():
             pellet = int(state.touching[env, robot])
-            if state.pellet_status[env, pellet] != LOOSE:
+            if pellet < 0:
                 continue
             self._anchor[env, robot] = self._spaces[env].grip(robot, pellet)
             state.held[env, robot] = pellet
@@ -279,6 +279,8 @@ class PhysicsWorld:
             state.pellet_status[env, pellet] = HELD
             self._holder[env, pellet] = robot
             self._last_holder[env, pellet] = robot
+            # Other grippers that touch it are too late: it is no longer loose.
+            state.touching[env][state.touching[env] == pellet] = -1
 
     def _refill(self, waiting: NDArray[np.bool_]) -> None:
         """Put fresh pellets to random places of the source that are clear of everything."""
