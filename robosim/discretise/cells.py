@@ -69,7 +69,7 @@ def progress_table(grid: Grid, arena: Arena) -> Floats:
     To home for the neighbours N, S, W and E, then to the source; a wall counts as -1.
     """
     rows, columns = np.indices(grid.shape) - grid.margin
-    centres = (np.stack([columns, rows], axis=-1) + 0.5) * grid.cell_size
+    centres: Floats = (np.stack([columns, rows], axis=-1) + np.float64(0.5)) * grid.cell_size
     distance = arena.distances.sample(centres) * (1.0 / grid.cell_size)
     distance[~grid.free] = np.inf
     flat = distance.reshape(-1, 2)

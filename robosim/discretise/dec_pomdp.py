@@ -139,7 +139,7 @@ class DecPomdp:
         return out
 
     def _pellet_in_sight(self, state: WorldState) -> NDArray[np.float64]:
-        """Return whether a loose pellet is within `SIGHT`, and where it lies from the robot, [envs, robots, 3]."""
+        """Return whether a loose pellet is within `SIGHT`, and where from the robot, [envs, robots, 3]."""
         seen = np.zeros((*self._cell.shape, 3))
         if state.pellets.size:
             where = (self._env_rows, state.nearest)

@@ -213,7 +213,7 @@ class PhysicsWorld:
             self._refill(waiting)
 
     def _torn(self, cos: Floats, sin: Floats) -> NDArray[np.bool_]:
-        """Return whose pellets are pushed too far out of the gripper, [envs, robots]; of laden robots only."""
+        """Return whose pellets are pushed too far out, [envs, robots]; of laden robots only."""
         state, anchor = self.state, self._anchor
         pellet = state.pellets[self._env_rows, state.held]
         dx = cos * anchor[..., 0] - sin * anchor[..., 1] + (state.pose[..., 0] - pellet[..., 0])
