@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 WALL, FLOOR, HOME, SOURCE, TUNNEL = range(5)
 GOING_TO_DIG, DIGGING, EXIT_DIGGING, GOING_HOME, DUMPING, EXIT_HOME, COLLISION = range(7)
 MODE_NAMES = ("going_to_dig", "digging", "exit_digging", "going_home", "dumping", "exit_home", "collision")
@@ -93,7 +95,7 @@ class PlainRobot:
     def __init__(self) -> None:
         self.mode = self.shown = 0
         self.laden = self.blocked = self.collided = False
-        self.collisions = 0
+        self.collisions = self.nearest = 0
         self.action = STOP
         self.pose = (0.0, 0.0, 0.0)
         self.cell = (0, 0)
@@ -110,12 +112,15 @@ class PlainDecPomdp:
         self.robots = [PlainRobot() for _ in range(run.robots)]
         self.map = PlainMap(self.zones, run.pheromone)
         self.paid: set[int] = set()
+        self.to_goal: dict[tuple[int, int], list[float]] = {}
         self.farthest = float(self.arena.distances.raster.max())
         self._look(run.start)
 
     def _look(self, moment: Any) -> None:
         size = self.arena.cell_size
+        self.pellets, self.status = moment.pellets[self.env], moment.pellet_status[self.env]
         for index, robot in enumerate(self.robots):
+            robot.nearest = int(moment.nearest[self.env, index])
             x, y, heading = moment.pose[self.env, index].tolist()
             robot.pose = (x, y, heading)
             robot.cell = (math.floor(x / size), math.floor(y / size))
@@ -218,4 +223,25 @@ class PlainDecPomdp:
         for side, (dx, dy) in COMPASS.items():
             cell = (column + dx, row + dy)
             seen[f"free {side}"] = float(self.zones[cell[1]][cell[0]] != WALL and cell not in others)
-        return seen
+        for side in "NSWE":
+            dx, dy = COMPASS[side]
+            for goal, name in enumerate(("progress home", "progress to source")):
+                gain = self._to_goal(column, row)[goal] - self._to_goal(column + dx, row + dy)[goal]
+                wall = self.zones[row + dy][column + dx] == WALL
+                seen[f"{name} {side}"] = -1.0 if wall else max(-1.0, min(gain / size, 1.0))
+        return seen | self._pellet(robot)
+
+    def _to_goal(self, column: int, row: int) -> list[float]:
+        """Distances to home and source, in m, at a cell's centre."""
+        if (column, row) not in self.to_goal:
+            centre = np.array([column + 0.5, row + 0.5]) * self.arena.cell_size
+            self.to_goal[column, row] = self.arena.distances.sample(centre).tolist()
+        return self.to_goal[column, row]
+
+    def _pellet(self, robot: PlainRobot) -> dict[str, float]:
+        """The pellet nearest to the gripper, if it lies within two cells to each side and is loose."""
+        x, y = (self.pellets[robot.nearest][axis] - robot.pose[axis] for axis in (0, 1))
+        sight = 2.0 * self.arena.cell_size
+        if self.status[robot.nearest] != 0 or max(abs(x), abs(y)) > sight:
+            return {"pellet seen": 0.0, "pellet x": 0.0, "pellet y": 0.0}
+        return {"pellet seen": 1.0, "pellet x": x / sight, "pellet y": y / sight}

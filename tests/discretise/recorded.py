@@ -37,6 +37,9 @@ class Moment:
     actions: Any
     pose: Any
     held: Any
+    nearest: Any
+    pellets: Any
+    pellet_status: Any
     touching: Any
     deliveries: Any
     fresh: Any
@@ -83,6 +86,9 @@ def _moment(env: VectorEnv, actions: Any, observation: Any, reward: Any) -> Mome
         actions=actions,
         pose=state.pose.copy(),
         held=state.held.copy(),
+        nearest=state.nearest.copy(),
+        pellets=state.pellets.copy(),
+        pellet_status=state.pellet_status.copy(),
         touching=state.touching.copy(),
         deliveries=state.deliveries.copy(),
         fresh=state.fresh.copy(),
