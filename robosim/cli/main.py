@@ -5,7 +5,10 @@ Exit codes: 0 done, 2 wrong input (a sentence on stderr, no traceback), 130 inte
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from typing import Annotated
@@ -39,7 +42,7 @@ Subcommand = (
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (the process's own when None) and return its exit code.
 
-    Wrong usage ends in SystemExit(2), `--help` in SystemExit(0), both raised by tyro.
+    `--help` ends in SystemExit(0), raised by tyro.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in arguments or os.environ.get("ROBOSIM_DEBUG", "0") not in {"", "0"}
@@ -79,15 +82,39 @@ def exit_code(action: Callable[[], None], debug: bool) -> int:
 
 
 def parse(arguments: Sequence[str]) -> Subcommand:
-    """Parse a command line without running it."""
-    parsed: Subcommand = tyro.cli(
-        Subcommand,
-        prog="robosim",
-        description=DESCRIPTION,
-        args=list(arguments) or ["--help"],
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, tyro.conf.FlagCreatePairsOff),
-    )
+    """Parse a command line without running it; raises InputError for wrong usage, SystemExit(0) after help."""
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            parsed: Subcommand = tyro.cli(
+                Subcommand,
+                prog="robosim",
+                description=DESCRIPTION,
+                args=list(arguments) or ["--help"],
+                config=(
+                    tyro.conf.OmitArgPrefixes,
+                    tyro.conf.OmitSubcommandPrefixes,
+                    tyro.conf.FlagCreatePairsOff,
+                ),
+            )
+    except SystemExit as ending:
+        if not ending.code:
+            raise
+        raise InputError(usage_sentence(complaint.getvalue())) from None
     return parsed
+
+
+def usage_sentence(box: str) -> str:
+    """Return in one sentence what tyro says of wrong usage in a box of several lines."""
+    lines = [line.strip("│╭╮╰╯ ") for line in box.splitlines()]
+    parts = " ".join("\n" if set(line) <= {"─"} else line for line in lines[1:]).split("\n")
+    sentence = " ".join(parts[0].split())
+    # What a dataclass refuses is already a sentence, behind a name that means nothing to users.
+    sentence = re.sub(r"^Error parsing __\S+: ", "", sentence)
+    meant = re.search(r"Perhaps you meant:\s+(--[\w-]+)", box.replace("│", ""))
+    if meant:
+        sentence += f"; did you mean {meant.group(1)}?"
+    return sentence if sentence.endswith((".", "?")) else f"{sentence}; see robosim --help."
 
 
 def _print_version() -> None:

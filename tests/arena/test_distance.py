@@ -1,6 +1,5 @@
 import heapq
 import math
-import time
 from itertools import pairwise
 
 import numpy as np
@@ -168,17 +167,3 @@ def test_beyond_the_map_the_edge_counts() -> None:
     width, height = PAPER.size
     outside, edge = np.array([[-1.0, 0.6], [width + 5, height + 5]]), np.array([[0.0, 0.6], [width, height]])
     assert PAPER.distances.sample(outside) == pytest.approx(PAPER.distances.sample(edge))
-
-
-@pytest.mark.parametrize(("points", "microseconds"), [(8, 15), (128, 60)])
-def test_reading_is_quick(points: int, microseconds: float) -> None:
-    xy = np.random.default_rng(0).uniform(0.0, PAPER.size, (points, 2))
-
-    def seconds() -> float:
-        start = time.perf_counter()
-        for _ in range(200):
-            PAPER.distances.sample(xy)
-        return (time.perf_counter() - start) / 200
-
-    # Twice the aim, for machines that do other things at the same time.
-    assert min(seconds() for _ in range(10)) < 2e-6 * microseconds

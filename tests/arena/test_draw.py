@@ -32,7 +32,11 @@ def test_a_picture_is_to_scale_and_small(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "why"), [("no/such/x.png", "No such file or directory"), ("folder.png", "it is a folder; give the name of a file")]
+    ("name", "why"),
+    [
+        ("no/such/x.png", "No such file or directory"),
+        ("folder.png", "it is a folder; give the name of a file"),
+    ],
 )
 def test_what_cannot_be_written_is_one_sentence(tmp_path: Path, name: str, why: str) -> None:
     (tmp_path / "folder.png").mkdir()

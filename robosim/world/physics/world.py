@@ -204,13 +204,14 @@ class PhysicsWorld:
             if torn.any():
                 self._drop(torn, torn=True)
         self._deliver()
+        waiting = state.pellet_status == ABSENT
+        if waiting.any():
+            self._refill(waiting)
         self._feel_pellets(cos, sin)
         takers = (gripper == Gripper.TAKE) & (state.touching >= 0)
         if takers.any():
             self._take(takers)
-        waiting = state.pellet_status == ABSENT
-        if waiting.any():
-            self._refill(waiting)
+            self._feel_pellets(cos, sin)
 
     def _torn(self, cos: Floats, sin: Floats) -> NDArray[np.bool_]:
         """Return whose pellets are pushed too far out, [envs, robots]; of laden robots only."""
@@ -317,6 +318,7 @@ def draw_episode(arena: Arena, robots: int, rng: np.random.Generator) -> tuple[D
     """Draw what is random in an episode; also returns the factors of the robots' top wheel speed [robots]."""
     if arena.start.poses:
         pose = np.array(arena.start.poses[:robots])
+        pose[:, 2] = wrap_angle(pose[:, 2])
     else:
         chosen = rng.permutation(len(arena.start_places))[:robots]
         heading = rng.uniform(-np.pi, np.pi, robots)
