@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import lzma
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +18,17 @@ from robosim.robot.drivers import ACTION_KINDS, NUM_ACTIONS, ActionKind
 _FIELDS = ("format", "arena", "actions", "seed", "episode", "chosen")
 _FORMAT = 1
 _LARGEST = 2**30
+_DAMAGE = (
+    ValueError,
+    EOFError,
+    KeyError,
+    RuntimeError,
+    MemoryError,
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+)
+"""What zipfile and numpy raise for files that are damaged, encrypted, or lie about their size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +79,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
         raise
     except OSError as error:
         raise InputError(f"{source}: cannot be read ({error.strerror or error}).") from None
-    except (ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
+    except _DAMAGE as error:
         raise InputError(f"{source}: is no trajectory ({error}).") from None
     return _checked(source, values)
 
@@ -80,10 +93,13 @@ def _checked(source: Path, values: dict[str, NDArray[np.generic]]) -> Trajectory
     if int(values["actions"]) >= len(ACTION_KINDS):
         raise InputError(f"{source}: actions must be 0 to {len(ACTION_KINDS) - 1}.")
     arena = values["arena"]
-    chosen = values["chosen"].astype(np.uint8)
-    well_formed = values["chosen"].dtype == np.uint8 and chosen.ndim == 2 and chosen.shape[1] > 0
-    if not well_formed or (chosen >= NUM_ACTIONS).any():
-        raise InputError(f"{source}: chosen must be bytes [decisions, robots] from 0 to {NUM_ACTIONS - 1}.")
+    given = values["chosen"]
+    wrong = InputError(f"{source}: chosen must be bytes [decisions, robots] from 0 to {NUM_ACTIONS - 1}.")
+    if given.dtype != np.uint8 or given.ndim != 2 or given.shape[1] < 1:
+        raise wrong
+    chosen = given.astype(np.uint8)
+    if (chosen >= NUM_ACTIONS).any():
+        raise wrong
     if arena.ndim != 1 or arena.dtype != np.uint8:
         raise InputError(f"{source}: arena must be the bytes of a text.")
     try:

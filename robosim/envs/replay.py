@@ -1,0 +1,41 @@
+"""Run a recorded trajectory again: the same bodies, to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from robosim.arena import parse_arena
+from robosim.envs.frame import Frame
+from robosim.envs.trajectory import Trajectory
+from robosim.envs.vector import Snapshot, VectorEnv
+from robosim.errors import InputError
+
+
+def replay(trajectory: Trajectory) -> Iterator[Frame]:
+    """Yield the frame at the start of the recorded episode and after each decision.
+
+    The arena is what the trajectory's text says. A frame's arrays are valid until the next one. Raises
+    InputError for a text that is no arena, or more robots than fit it.
+    """
+    env = begun(trajectory)
+    yield env.frame()
+    for actions in trajectory.chosen:
+        env.step(actions[None])
+        yield env.frame()
+
+
+def begun(trajectory: Trajectory) -> VectorEnv:
+    """Return an environment of one arena at the start of the recorded episode."""
+    decisions = len(trajectory.chosen)
+    if decisions == 0:
+        raise InputError("trajectory: it holds no decisions.")
+    env = VectorEnv(
+        parse_arena(trajectory.arena, "trajectory"),
+        robots=trajectory.robots,
+        actions=trajectory.actions,
+        seed=[trajectory.seed],
+        episode_steps=decisions,
+        autoreset=False,
+    )
+    env.restore(Snapshot(env.seeds, trajectory.episode, trajectory.chosen[:0, None]))
+    return env
