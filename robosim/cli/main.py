@@ -82,7 +82,7 @@ def exit_code(action: Callable[[], None], debug: bool) -> int:
 
 
 def parse(arguments: Sequence[str]) -> Subcommand:
-    """Parse a command line without running it; raises InputError for wrong usage, SystemExit(0) after help."""
+    """Parse a command line without running it; InputError for wrong usage, SystemExit(0) after help."""
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):

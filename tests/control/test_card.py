@@ -63,7 +63,9 @@ def test_what_is_no_card_is_refused(tmp_path, text):
 
 
 def test_a_huge_card_is_refused(tmp_path):
-    assert refused(tmp_path, " " * 1_000_001) == "the file is larger than 1000000 bytes, the most it may have."
+    assert (
+        refused(tmp_path, " " * 1_000_001) == "the file is larger than 1000000 bytes, the most it may have."
+    )
 
 
 @settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])

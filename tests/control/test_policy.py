@@ -61,7 +61,10 @@ def test_the_lowest_of_equal_actions_is_taken(card, weights_of):
 @pytest.mark.parametrize(
     ("observation", "sentence"),
     [
-        (np.zeros((2, 7)), "observation has shape (2, 7): its last two axes must be robots and size, (3, 7)."),
+        (
+            np.zeros((2, 7)),
+            "observation has shape (2, 7): its last two axes must be robots and size, (3, 7).",
+        ),
         (np.zeros(7), "observation has shape (7,): its last two axes must be robots and size, (3, 7)."),
         (
             np.where(np.arange(21).reshape(3, 7) == 9, np.nan, 0.0),
@@ -169,7 +172,11 @@ def test_weights_that_do_not_fit_the_card_are_refused_both_ways(folder, card, we
     assert load_policy(folder).card == card
     safetensors.numpy.save_file(weights, folder / "policy.safetensors")
     told = refused(folder)
-    assert told in (f"/policy.safetensors: {sentence}", "/policy.safetensors: 'layer0.bias' is of type F64: it must be F32 or F16.", "/policy.safetensors: 'extra' is of type F64: it must be F32 or F16.")
+    assert told in (
+        f"/policy.safetensors: {sentence}",
+        "/policy.safetensors: 'layer0.bias' is of type F64: it must be F32 or F16.",
+        "/policy.safetensors: 'extra' is of type F64: it must be F32 or F16.",
+    )
 
 
 def test_replacing_leaves_nothing_behind_and_never_half(tmp_path, card, weights_of):

@@ -22,7 +22,10 @@ def shown(terminal):
 def test_a_pipe_gets_at_most_fifty_lines_and_the_last():
     lines = shown(terminal=False).splitlines()
     assert len(lines) <= 51
-    assert lines[-1] == "step 100000/100000  epsilon 0.02  loss 0.1  reward +0.250  pellets/1000 8.0  321 steps/s"
+    assert (
+        lines[-1]
+        == "step 100000/100000  epsilon 0.02  loss 0.1  reward +0.250  pellets/1000 8.0  321 steps/s"
+    )
 
 
 def test_a_terminal_gets_a_bar_with_the_same_figures():
