@@ -101,13 +101,17 @@ class CardinalDriver:
         self._wiggle = np.zeros(0)
         self._heading = np.zeros(0)
         self._turn = np.zeros(0)
+        self._turning = np.zeros(0)
+        self._sense = np.zeros(0)
 
     def reset(self, env: int, pose: Floats) -> None:
         if self._jam.shape != pose.shape[:2]:
             self._jam = np.zeros(pose.shape[:2], dtype=np.int64)
             self._heading = pose[..., 2].copy()
             self._turn = np.zeros(pose.shape[:2])
+            self._turning = np.zeros(pose.shape[:2])
         self._jam[env] = 0
+        self._turning[env] = 0.0
         self._turn[env] = 0.0
 
     def begin(self, pose: Floats, actions: Integers) -> None:
@@ -122,6 +126,9 @@ class CardinalDriver:
         turned = np.abs(pose[..., 2] - self._heading)
         self._jam += turned < JAMMED_TURN * self._turn
         self._jam *= self._turn > 0.0
+        # A turn once begun goes on the same way round, even the long way, unless the new direction lies
+        # within a right angle: a policy that changes its mind in every decision still gets round.
+        self._sense = 0.25 * np.sign(self._turning)
         self._wiggle = WIGGLE_SPEEDS.take(self._jam, mode="wrap") * self._sheet.top_speed
         self._heading = pose[..., 2].copy()
         self._turn.fill(0.0)
@@ -130,7 +137,7 @@ class CardinalDriver:
         sheet = self._sheet
         error = np.arctan2(self._target_y - pose[..., 1], self._target_x - pose[..., 0])
         error -= pose[..., 2]
-        error -= TWO_PI * np.rint(error * (1.0 / TWO_PI))
+        error -= TWO_PI * np.rint(error * (1.0 / TWO_PI) - self._sense)
         error[self._halt] = 0.0
         size = np.abs(error)
         on_the_spot = size > TURN_FIRST_ABOVE
@@ -141,7 +148,9 @@ class CardinalDriver:
         np.copyto(speed, self._wiggle, where=on_the_spot)
         speed[self._halt] = 0.0
         np.add(self._turn, rate * self._period, out=self._turn, where=on_the_spot)
-        return wheel_speeds_for(sheet, speed, np.copysign(rate, error))
+        rate = np.copysign(rate, error)
+        self._turning = rate * on_the_spot
+        return wheel_speeds_for(sheet, speed, rate)
 
 
 class WheelsDriver:
