@@ -150,14 +150,27 @@ def _is_narrow(tunnel: NDArray[np.bool_], free: NDArray[np.bool_]) -> bool:
 def _mark_lanes(
     fee: Floats, tunnel: NDArray[np.bool_], free: NDArray[np.bool_], to_source: Floats, to_home: Floats
 ) -> None:
-    """Raise the fee of the left lane, each direction's own left, in a tunnel of two or more cells' width."""
+    """Raise the fee of the left lane, each direction's own left, in a tunnel of two or more cells' width.
+
+    The lane is told by the walls beside a cell and beside the cells before and behind it, which also
+    holds in bends: the inner corner belongs to the one direction, the outer to the other.
+    """
     for direction, cost in ((INBOUND, to_source), (OUTBOUND, to_home)):
         for row, column in np.argwhere(tunnel).tolist():
             step_x, step_y = CARDINAL_STEPS[_downhill(cost, row, column)].tolist()
-            right = _reach(free, row, column, step_y, -step_x)
-            left = _reach(free, row, column, -step_y, step_x)
-            if left <= right:
-                fee[direction, row, column] = WRONG_LANE_COST if left < right else MIDDLE_LANE_COST
+            right, left = (
+                sum(
+                    not free[row + side * step_x + along * step_y, column - side * step_y + along * step_x]
+                    for along in (-1, 0, 1)
+                )
+                for side in (-1, 1)
+            )
+            if left == right:
+                # Between the outer lanes, the nearer wall tells the side.
+                right = -_reach(free, row, column, step_y, -step_x)
+                left = -_reach(free, row, column, -step_y, step_x)
+            if left >= right:
+                fee[direction, row, column] = WRONG_LANE_COST if left > right else MIDDLE_LANE_COST
 
 
 def _downhill(cost: Floats, row: int, column: int) -> int:

@@ -1,4 +1,4 @@
-"""Routes: right lane in, left lane out; one-robot-wide tunnels have gates; mirror images have mirrored routes."""
+"""Routes: every direction keeps right; one-robot-wide tunnels have gates; a turned map has turned routes."""
 
 import numpy as np
 import pytest
@@ -75,16 +75,6 @@ def test_both_directions_keep_right_and_never_share_a_lane(name) -> None:
     assert lanes[0]
     assert lanes[1]
     assert not lanes[0] & lanes[1]
-    for cells in (inbound, outbound):
-        for before, here in zip(cells, cells[1:], strict=False):
-            if arena.zones[before] != Zone.TUNNEL or arena.zones[here] != Zone.TUNNEL:
-                continue
-            row, column = here[0] - before[0], here[1] - before[1]
-            to_right = (before[0] - column, before[1] + row)
-            to_left = (before[0] + column, before[1] - row)
-            # Along a straight piece the wall is on the right; at a bend one side is open.
-            if arena.zones[to_left] == Zone.WALL:
-                assert arena.zones[to_right] == Zone.WALL or name == "s-bend"
     assert plan_routes(arena).gates == 0
 
 
