@@ -1,0 +1,152 @@
+"""Drivers make wheel speeds of actions: cardinal ones lead to the neighbouring cell, stop for nobody."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robosim.robot.drivers import CARDINAL_STEPS, Cardinal, CardinalDriver, Wheels, WheelsDriver, make_driver
+from robosim.robot.kinematics import body_twist
+from robosim.robot.sheet import RobotSheet
+
+SHEET = RobotSheet()
+CELL, PERIOD = 0.15, 0.1
+
+
+def drive(driver, pose: np.ndarray, actions: list[int], decisions: int = 1) -> np.ndarray:
+    """Integrate the wheels' motion without any world; returns the pose [1, robots, 3]."""
+    pose = pose.copy()
+    for _ in range(decisions):
+        driver.begin(pose, np.array([actions]))
+        for _ in range(3):
+            speed, rate = body_twist(SHEET, driver.wheel_speeds(pose))
+            pose[..., 0] += PERIOD * speed * np.cos(pose[..., 2] + 0.5 * PERIOD * rate)
+            pose[..., 1] += PERIOD * speed * np.sin(pose[..., 2] + 0.5 * PERIOD * rate)
+            pose[..., 2] += PERIOD * rate
+    return pose
+
+
+def cardinal(pose: np.ndarray) -> CardinalDriver:
+    driver = CardinalDriver(SHEET, CELL, PERIOD)
+    driver.reset(0, pose)
+    return driver
+
+
+def test_wheels_actions_are_top_speeds_held() -> None:
+    driver = WheelsDriver(SHEET)
+    pose = np.zeros((1, 5, 3))
+    driver.begin(pose, np.arange(5)[None])
+    speed, rate = body_twist(SHEET, driver.wheel_speeds(pose))
+    top, turn = SHEET.top_speed, SHEET.top_turn_rate
+    assert speed[0] == pytest.approx([top, -top, 0.0, 0.0, 0.0])
+    assert rate[0] == pytest.approx([0.0, 0.0, turn, -turn, 0.0])
+    assert list(Wheels) == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("action", [Cardinal.NORTH, Cardinal.SOUTH, Cardinal.WEST, Cardinal.EAST])
+@pytest.mark.parametrize("heading", [0.0, 1.5, 3.1, -2.0])
+def test_a_cardinal_action_leads_along_the_middle_of_the_row_or_column(action, heading) -> None:
+    """From off the middle of a cell, whatever the heading, the robot soon runs along the cells' middle."""
+    pose = np.array([[[10.5 * CELL + 0.04, 10.5 * CELL - 0.03, heading]]])
+    end = drive(cardinal(pose), pose, [action], decisions=12)[0, 0]
+    step = CARDINAL_STEPS[action]
+    across = (end[:2] - 10.5 * CELL) @ np.abs(step[::-1])
+    along = (end[:2] - 10.5 * CELL) @ step
+    print(
+        f"{action.name} from heading {heading}: {along / CELL:.2f} cells on, "
+        f"{1000 * across:.1f} mm off the middle"
+    )
+    assert abs(across) < 0.01
+    assert along > 2.0 * CELL
+    assert math.cos(end[2] - math.atan2(step[1], step[0])) > 0.99
+
+
+def test_at_top_speed_once_it_faces_the_way() -> None:
+    pose = np.array([[[0.075, 0.075, 0.0]]])
+    end = drive(cardinal(pose), pose, [Cardinal.EAST], decisions=10)
+    assert end[0, 0, 0] - 0.075 == pytest.approx(10 * 0.3 * SHEET.top_speed, rel=0.02)
+
+
+def test_stop_stops() -> None:
+    pose = np.array([[[0.3, 0.4, 0.5], [0.8, 0.8, -1.0]]])
+    driver = cardinal(pose)
+    driver.begin(pose, np.array([[Cardinal.STOP, Cardinal.EAST]]))
+    wheels = driver.wheel_speeds(pose)
+    assert (wheels[0, 0] == 0.0).all()
+    assert (wheels[0, 1] != 0.0).any()
+
+
+def test_commands_are_within_the_data_sheet_but_for_turns_that_are_jammed() -> None:
+    """Backing out while turning asks for half more than the wheels can, which the world cuts off."""
+    rng = np.random.default_rng(0)
+    pose = np.concatenate(
+        [rng.uniform(0.0, 3.0, (4, 100, 2)), rng.uniform(-np.pi, np.pi, (4, 100, 1))], axis=2
+    )
+    driver = CardinalDriver(SHEET, CELL, PERIOD)
+    for env in range(4):
+        driver.reset(env, pose)
+    for decision in range(10):
+        driver.begin(pose, rng.integers(0, 5, (4, 100)))
+        wheels = driver.wheel_speeds(pose)
+        assert np.isfinite(wheels).all()
+        most = 1.0 if decision == 0 else 1.5
+        assert np.abs(wheels).max() <= most * SHEET.max_wheel_speed * (1 + 1e-12)
+        pose[..., 2] = rng.uniform(-np.pi, np.pi, (4, 100))
+
+
+def test_mirror_images_are_driven_as_mirror_images() -> None:
+    """North and South exchanged, left and right wheel exchanged."""
+    rng = np.random.default_rng(1)
+    pose = np.array(
+        [
+            [
+                [10.5 * CELL + x, 10.5 * CELL + y, h]
+                for x, y, h in rng.uniform(-0.07, 0.07, (20, 3)) * [1, 1, 40]
+            ]
+        ]
+    )
+    mirrored = pose * [1.0, -1.0, -1.0] + [0.0, 21 * CELL, 0.0]
+    exchanged = np.array([1, 0, 2, 3, 4])
+    for action in range(5):
+        one, other = cardinal(pose), cardinal(mirrored)
+        one.begin(pose, np.full((1, 20), action))
+        other.begin(mirrored, np.full((1, 20), exchanged[action]))
+        assert one.wheel_speeds(pose) == pytest.approx(other.wheel_speeds(mirrored)[..., ::-1], abs=1e-9)
+
+
+def test_a_jammed_turn_is_backed_out_of_and_a_free_one_is_not() -> None:
+    """A robot that should turn and does not is sent back, then forward, and so on until it turns."""
+    pose = np.array([[[10.5 * CELL, 10.5 * CELL, 0.0]]])
+    driver = cardinal(pose)
+    speeds = []
+    for _ in range(4):
+        driver.begin(pose, np.array([[Cardinal.WEST]]))
+        for _ in range(3):
+            wheels = driver.wheel_speeds(pose)
+        speeds.append(float(body_twist(SHEET, wheels)[0][0, 0]))
+    assert speeds[0] == pytest.approx(0.0, abs=1e-12)
+    assert speeds[1] < 0.0 < speeds[2]
+    assert speeds[3] < 0.0
+    turned = drive(cardinal(pose), pose, [Cardinal.WEST], decisions=3)
+    assert math.cos(turned[0, 0, 2]) < -0.9
+    assert turned[0, 0, :2] == pytest.approx(pose[0, 0, :2], abs=0.03)
+
+
+def test_reset_forgets_one_environment_only() -> None:
+    pose = np.array([[[1.0, 1.0, 0.0]], [[1.0, 1.0, 0.0]]])
+    driver = CardinalDriver(SHEET, CELL, PERIOD)
+    driver.reset(0, pose)
+    driver.reset(1, pose)
+    for _ in range(2):
+        driver.begin(pose, np.full((2, 1), Cardinal.WEST))
+        driver.wheel_speeds(pose)
+    driver.reset(0, pose)
+    driver.begin(pose, np.full((2, 1), Cardinal.WEST))
+    speed, _ = body_twist(SHEET, driver.wheel_speeds(pose))
+    assert speed[0, 0] == pytest.approx(0.0, abs=1e-12)
+    assert speed[1, 0] != pytest.approx(0.0, abs=1e-3)
+
+
+def test_each_kind_of_action_has_its_driver() -> None:
+    assert isinstance(make_driver("cardinal", SHEET, CELL, PERIOD), CardinalDriver)
+    assert isinstance(make_driver("wheels", SHEET, CELL, PERIOD), WheelsDriver)
