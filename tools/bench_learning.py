@@ -42,7 +42,7 @@ def bare_products(shape: NetworkShape, batch: int) -> Callable[[], None]:
 def full_update(shape: NetworkShape, batch: int) -> Callable[[], object]:
     """Return the update of a learner whose replay is full."""
     settings = DqnSettings(
-        learning_rate=1e-4, discount=0.99, batch_size=batch, target_interval=500,
+        discount=0.99, batch_size=batch, target_interval=500,
         replay_capacity=20_000, reward_scale=0.1,
     )  # fmt: skip
     learner = StackedDoubleDQN(shape, settings, np.random.SeedSequence(0))
@@ -51,7 +51,7 @@ def full_update(shape: NetworkShape, batch: int) -> Callable[[], object]:
         observations, successors = rng.random((2, 1000, shape.robots, shape.inputs), np.float32)
         actions = rng.integers(shape.outputs, size=(1000, shape.robots))
         learner.replay.add(observations, actions, rng.random(actions.shape, np.float32), successors)
-    return learner.update
+    return lambda: learner.update(1e-4)
 
 
 def microseconds(function: Callable[[], object], calls: int) -> float:

@@ -20,13 +20,13 @@ class TrainConfig:
     """Arena by name, or the path of its file."""
     robots: int = 2
     """Robots that learn together."""
-    technique: str = "iql+gs"
-    """iql, iql+g or iql+gs."""
+    technique: str = "iql+s"
+    """iql, iql+g, iql+gs as in the paper; iql+s is iql with stigmergy."""
     steps: int = 30_000
     """Joint decisions in total, summed over environments."""
     seed: int = 0
     """Root of all randomness of the run."""
-    num_envs: int = 1
+    num_envs: int = 4
     """Environments that run side by side."""
     actions: Literal["cardinal", "wheels"] = "cardinal"
     """What the five actions are."""
@@ -34,10 +34,14 @@ class TrainConfig:
     """How observations are written."""
     episode_steps: int = 0
     """Decisions in a training episode; 0 for as many as the arena says."""
-    learning_rate: float = 1e-4
-    """Step size of Adam."""
-    discount: float = 0.99
+    learning_rate: float = 1e-3
+    """Step size of Adam at the start."""
+    learning_rate_end: float = 0.02
+    """Share of the step size that is left at the end; it falls linearly. 1 keeps it."""
+    discount: float = 0.95
     """Gamma: what a reward one decision later is worth."""
+    return_steps: int = 3
+    """Decisions whose rewards are summed before the estimate of what follows takes over."""
     batch_size: int = 64
     """Transitions of each robot in an update."""
     epsilon_start: float = 1.0
@@ -54,7 +58,7 @@ class TrainConfig:
     """Joint decisions before the first update."""
     updates_per_step: float = 1.0
     """Updates per joint decision."""
-    target_interval: int = 500
+    target_interval: int = 100
     """Updates between two copies of the network into its target network."""
     reward_scale: float = 0.1
     """Factor on rewards before learning."""
@@ -84,6 +88,11 @@ class TrainConfig:
         progress = min(1.0, step / max(1.0, self.exploration * self.steps))
         return self.epsilon_start + (self.epsilon_end - self.epsilon_start) * progress
 
+    def learning_rate_at(self, step: int) -> float:
+        """Return Adam's step size after `step` joint decisions."""
+        progress = min(1.0, step / self.steps)
+        return self.learning_rate * (1.0 + (self.learning_rate_end - 1.0) * progress)
+
 
 _CHOICES = {"actions": ("cardinal", "wheels"), "encoding": ("paper", "expanded")}
 
@@ -94,7 +103,9 @@ _RANGES: dict[str, tuple[float, float]] = {
     "num_envs": (1, 10_000),
     "episode_steps": (0, 10**9),
     "learning_rate": (1e-8, 1.0),
+    "learning_rate_end": (0.0, 1.0),
     "discount": (0.0, 0.99999),
+    "return_steps": (1, 1000),
     "batch_size": (1, 65_536),
     "epsilon_start": (0.0, 1.0),
     "epsilon_end": (0.0, 1.0),

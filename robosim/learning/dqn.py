@@ -17,8 +17,8 @@ from robosim.learning.replay import Replay
 class DqnSettings:
     """What an update depends on."""
 
-    learning_rate: float
     discount: float
+    """Of the successor's value: to the power of the decisions that an experience spans."""
     batch_size: int
     target_interval: int
     """Updates between two copies of the network into its target network."""
@@ -37,8 +37,6 @@ class StackedDoubleDQN:
 
     def __init__(self, shape: NetworkShape, settings: DqnSettings, seed: np.random.SeedSequence) -> None:
         torch.set_num_threads(1)
-        # Moments of unused weights decay into denormals, which slow updates down by a third.
-        torch.set_flush_denormal(True)
         explore, draw, *networks = seed.spawn(2 + shape.robots)
         self.shape = shape
         self.settings = settings
@@ -78,20 +76,26 @@ class StackedDoubleDQN:
             return drawn
         return np.where(explores, drawn, self.values(observation).argmax(axis=-1))
 
-    def update(self) -> None:
+    def update(self, learning_rate: float) -> None:
         """Make one step of Adam on a fresh batch of each robot's own experience."""
-        with torch.inference_mode():
-            self._gradient()
-            self._step()
+        # Moments of unused weights decay into denormals, which slow updates down by a third. It is a
+        # setting of the processor, so it goes back before anybody else computes.
+        torch.set_flush_denormal(True)
+        try:
+            with torch.inference_mode():
+                self._gradient()
+                self._step(learning_rate)
+        finally:
+            torch.set_flush_denormal(False)
         self.updates += 1
         if self.updates % self.settings.target_interval == 0:
             self.target.flat.copy_(self.parameters.flat)
 
-    def _step(self) -> None:
+    def _step(self, learning_rate: float) -> None:
         first, second = self._moments
         adam(
             [self.parameters.flat], [self._backward.gradient.flat], [first], [second], [], [self._adam_step],
-            fused=True, amsgrad=False, beta1=0.9, beta2=0.999, lr=self.settings.learning_rate,
+            fused=True, amsgrad=False, beta1=0.9, beta2=0.999, lr=learning_rate,
             weight_decay=0.0, eps=1e-8, maximize=False,
         )  # fmt: skip
 

@@ -25,6 +25,8 @@ TECHNIQUES = {
     for technique in (
         Technique("iql", global_reward=False, stigmergy=False, curriculum=False),
         Technique("iql+g", global_reward=True, stigmergy=False, curriculum=False),
+        # Ours, not the paper's: stigmergy without the noise of what others earn.
+        Technique("iql+s", global_reward=False, stigmergy=True, curriculum=False),
         Technique("iql+gs", global_reward=True, stigmergy=True, curriculum=False),
     )
 }

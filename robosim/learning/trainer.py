@@ -32,6 +32,7 @@ from robosim.learning.config import TrainConfig, write_config
 from robosim.learning.dqn import DqnSettings, StackedDoubleDQN
 from robosim.learning.metrics import Metrics, MetricsLog, write_metrics
 from robosim.learning.networks import NetworkShape
+from robosim.learning.returns import Experience, MultiStepReturns
 from robosim.learning.technique import find_technique
 
 CONFIG_FILE = "config.toml"
@@ -93,19 +94,23 @@ def learn(
     config: TrainConfig, env: VectorEnv, learner: StackedDoubleDQN, log: MetricsLog, report: Report
 ) -> None:
     """Let `learner` act in `env` and learn from it for `config.steps` joint decisions."""
+    returns = MultiStepReturns(config.return_steps, config.discount)
     observation = env.reset()
     step = 0
     while step < config.steps:
         epsilon = config.epsilon(step)
         actions = learner.act(observation, epsilon)
         transition = env.step(actions)
-        learner.replay.add(observation, actions, transition.reward, transition.final_observation)
+        decision = Experience(observation, actions, transition.reward, transition.final_observation)
+        complete = returns.add(decision, bool(transition.truncated.all()))
+        if complete is not None:
+            learner.replay.add(*complete)
         observation = transition.observation
         log.add(transition.reward, transition.final_delivered, transition.truncated)
         rows_before, step = step // _ROW, step + env.num_envs
         due = int(max(0, step - config.warmup) * config.updates_per_step)
         while learner.updates < due:
-            learner.update()
+            learner.update(config.learning_rate_at(step))
         if step // _ROW > rows_before or step >= config.steps:
             report(log.cut(epsilon, float(learner.loss().mean())))
 
@@ -132,8 +137,7 @@ def make_learner(config: TrainConfig, env: VectorEnv, seed: np.random.SeedSequen
     # More room than the run has decisions would be reserved in vain.
     capacity = min(config.replay_capacity, config.steps + config.num_envs)
     settings = DqnSettings(
-        learning_rate=config.learning_rate,
-        discount=config.discount,
+        discount=config.discount**config.return_steps,
         batch_size=config.batch_size,
         target_interval=config.target_interval,
         replay_capacity=max(capacity, config.num_envs),

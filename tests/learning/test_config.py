@@ -37,7 +37,7 @@ def test_config_survives_its_file(tmp_path_factory, arena, learning_rate, hidden
         ("robot = 2", "unknown key 'robot': did you mean robots?"),
         ("epsilon_start = 0.01", "epsilon_end is 0.02: it must not exceed epsilon_start, 0.01."),
         ('actions = "jump"', "actions is 'jump': it must be cardinal or wheels."),
-        ('technique = "iql+gss"', "unknown technique 'iql+gss': did you mean iql+gs or iql+g or iql?"),
+        ('technique = "iql+gss"', "unknown technique 'iql+gss': did you mean iql+gs or iql+s or iql+g?"),
     ],
 )
 def test_wrong_file_is_one_sentence(tmp_path, text, sentence):
@@ -61,11 +61,19 @@ def test_exploration_falls_over_the_first_tenth_and_stays():
     assert config.epsilon(999) == pytest.approx(0.02)
 
 
+def test_step_size_falls_in_a_line_to_its_share():
+    config = TrainConfig(steps=1000, learning_rate=1e-3, learning_rate_end=0.1)
+    assert config.learning_rate_at(0) == pytest.approx(1e-3)
+    assert config.learning_rate_at(500) == pytest.approx(5.5e-4)
+    assert config.learning_rate_at(1000) == config.learning_rate_at(2000) == pytest.approx(1e-4)
+
+
 def test_techniques_add_one_thing_each():
     flags = {name: (t.global_reward, t.stigmergy, t.curriculum) for name, t in TECHNIQUES.items()}
     assert flags == {
         "iql": (False, False, False),
         "iql+g": (True, False, False),
+        "iql+s": (False, True, False),
         "iql+gs": (True, True, False),
     }
     assert find_technique("iql").name == "iql"

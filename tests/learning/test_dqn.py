@@ -7,7 +7,7 @@ from robosim.learning.networks import NetworkShape
 
 SHAPE = NetworkShape(robots=3, inputs=6, hidden=(16, 16, 16), outputs=5)
 SETTINGS = DqnSettings(
-    learning_rate=1e-3, discount=0.9, batch_size=8, target_interval=3, replay_capacity=50, reward_scale=0.5
+    discount=0.9, batch_size=8, target_interval=3, replay_capacity=50, reward_scale=0.5
 )
 
 
@@ -49,7 +49,7 @@ def test_updates_equal_plain_double_dqn_with_autograd():
 
     learner.replay.sample = recorded
     for update in range(1, 8):
-        learner.update()
+        learner.update(1e-3)
         observations, actions, rewards = map(torch.from_numpy, draws[-1])
         for robot in range(SHAPE.robots):
             now, after = observations[robot, 0::2], observations[robot, 1::2]
@@ -72,8 +72,8 @@ def test_updates_equal_plain_double_dqn_with_autograd():
 def test_equal_seeds_give_equal_bits():
     one, other = filled(seed=4), filled(seed=4)
     for _ in range(20):
-        one.update()
-        other.update()
+        one.update(1e-3)
+        other.update(1e-3)
     assert torch.equal(one.parameters.flat, other.parameters.flat)
     assert not torch.equal(one.parameters.flat, filled(seed=5).parameters.flat)
 
@@ -81,8 +81,8 @@ def test_equal_seeds_give_equal_bits():
 def test_nothing_passes_from_one_learner_to_another():
     one, other = filled(reward_of_last=1.0), filled(reward_of_last=-3.0)
     for _ in range(10):
-        one.update()
-        other.update()
+        one.update(1e-3)
+        other.update(1e-3)
     for mine, yours in zip(one.parameters.weights, other.parameters.weights, strict=True):
         assert torch.equal(mine[:2], yours[:2])
         assert not torch.equal(mine[2], yours[2])
@@ -92,7 +92,7 @@ def test_target_is_copied_every_interval_only():
     learner = filled()
     for update in range(1, 8):
         before = learner.target.flat.clone()
-        learner.update()
+        learner.update(1e-3)
         copied = torch.equal(learner.target.flat, learner.parameters.flat)
         assert copied == (update % 3 == 0)
         assert copied or torch.equal(learner.target.flat, before)
@@ -107,3 +107,10 @@ def test_acts_greedily_without_exploration_and_evenly_with_nothing_else():
     assert np.bincount(drawn.ravel(), minlength=5) == pytest.approx(np.full(5, 1200), rel=0.15)
     mixed = learner.act(observation, 0.25) != learner.act(observation, 0.0)
     assert mixed.mean() == pytest.approx(0.25 * 0.8, abs=0.02)
+
+
+def test_an_update_leaves_subnormal_numbers_to_others():
+    filled().update(1e-3)
+    smallest = np.array([np.finfo(np.float32).smallest_subnormal])
+    assert (smallest * np.float32(1.0))[0] > 0.0
+    assert (torch.from_numpy(smallest) * 1.0).item() > 0.0
