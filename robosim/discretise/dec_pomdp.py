@@ -52,6 +52,8 @@ class DecPomdp:
         """[envs, robots] touched another robot while under way in the last decision."""
         self.collisions = np.zeros(shape, dtype=np.int64)
         """[envs, robots] collisions since the last change of mode."""
+        self.in_place = np.zeros(shape, dtype=np.int64)
+        """[envs, robots] decisions without making way, for whatever reason."""
         self.previous_action = np.full(shape, STOP, dtype=np.int64)
         self.density = np.zeros(num_envs)
         """[envs] robots per cell of tunnel length."""
@@ -75,7 +77,7 @@ class DecPomdp:
     def reset(self, env: int, state: WorldState) -> None:
         """Begin an episode in one environment from the world's state."""
         self.pheromone.reset(env)
-        for cleared in (self.blocked, self.collided, self.collisions, self._paid):
+        for cleared in (self.blocked, self.collided, self.collisions, self.in_place, self._paid):
             cleared[env] = 0
         self.previous_action[env] = STOP
         self._locate(state)
@@ -95,7 +97,9 @@ class DecPomdp:
         self._set_modes(state)
 
         turned = np.abs((motion[..., 2] + np.pi) % (2.0 * np.pi) - np.pi)
-        still = (motion[..., 0] ** 2 + motion[..., 1] ** 2 < self._still_way**2) & (turned < self._still_turn)
+        in_place = motion[..., 0] ** 2 + motion[..., 1] ** 2 < self._still_way**2
+        self.in_place = np.where(in_place, self.in_place + 1, 0)
+        still = in_place & (turned < self._still_turn)
         self.blocked = under_way & still & state.touched.any(axis=0)
         self.shown_mode = np.where(self.blocked, COLLISION, self.mode)
         self.collided = under_way & state.touched[ContactKind.ROBOT_ROBOT]
@@ -129,6 +133,7 @@ class DecPomdp:
             collisions=self.collisions,
             distances=self._distances * self._per_farthest,
             free_neighbours=self.grid.free_neighbours(self._cell) if expanded else None,
+            in_place=self.in_place,
             progress=self._progress.take(self._cell, axis=0) if expanded else None,
             pellet=self._pellet_in_sight(state) if expanded else None,
         )

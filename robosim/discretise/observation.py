@@ -18,6 +18,8 @@ Encoding = Literal["paper", "expanded"]
 ENCODINGS: tuple[Encoding, ...] = ("paper", "expanded")
 COLLISIONS_FULL = 20
 """Collisions since the last change of mode at which that number is 1 and stays there."""
+IN_PLACE_FULL = 20
+"""Decisions without making way at which that number is 1 and stays there."""
 _COMPASS = ("N", "S", "W", "E", "NW", "NE", "SW", "SE")
 
 
@@ -47,7 +49,7 @@ class ObservationLayout:
             own += [f"free {side}" for side in _COMPASS]
             own += [f"progress home {side}" for side in _COMPASS[:4]]
             own += [f"progress to source {side}" for side in _COMPASS[:4]]
-            own += ["pellet seen", "pellet x", "pellet y"]
+            own += ["pellet seen", "pellet x", "pellet y", "in place"]
         if self.stigmergy:
             side = range(-self.radius, self.radius + 1)
             own += [
@@ -98,6 +100,8 @@ class OwnState:
     """Since the last change of mode."""
     distances: NDArray[np.float64]
     """[envs, robots, 2] to home and source over the largest in the arena, 0 to 1."""
+    in_place: NDArray[np.int64]
+    """Decisions without making way."""
     free_neighbours: NDArray[np.bool_] | None
     """[envs, robots, 8] neither wall nor robot; only the expanded encoding needs it."""
     progress: NDArray[np.float64] | None
@@ -139,4 +143,5 @@ def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.fl
     out[..., 22:end] = own.free_neighbours
     out[..., end : end + 8] = own.progress
     out[..., end + 8 : end + 11] = own.pellet
-    return end + 11
+    out[..., end + 11] = np.minimum(own.in_place * (1.0 / IN_PLACE_FULL), 1.0)
+    return end + 12

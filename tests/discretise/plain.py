@@ -95,7 +95,7 @@ class PlainRobot:
     def __init__(self) -> None:
         self.mode = self.shown = 0
         self.laden = self.blocked = self.collided = False
-        self.collisions = self.nearest = 0
+        self.collisions = self.nearest = self.in_place = 0
         self.action = STOP
         self.pose = (0.0, 0.0, 0.0)
         self.cell = (0, 0)
@@ -137,8 +137,8 @@ class PlainDecPomdp:
         top, period = arena.robot.top_speed, arena.timing.decision_period
         before = [(r.pose, r.laden, r.mode, r.to_home, r.to_source) for r in self.robots]
         self._look(moment)
-        pickups = [self._first_pickup(moment, index, before[index][1]) for index in range(len(self.robots))]
         self.paid -= {pellet for pellet, fresh in enumerate(moment.fresh[env].tolist()) if fresh}
+        pickups = [self._first_pickup(moment, index, before[index][1]) for index in range(len(self.robots))]
         deliveries = [float(count) for count in moment.deliveries[env]]
         if self.run.reward == "global":
             share = len(self.robots) if self.run.sharing == "split" else 1
@@ -150,6 +150,7 @@ class PlainDecPomdp:
             robot.action = int(moment.actions[env, index])
             way = math.hypot(robot.pose[0] - x, robot.pose[1] - y)
             turned = abs(math.remainder(robot.pose[2] - heading, 2.0 * math.pi))
+            robot.in_place = robot.in_place + 1 if way < 0.25 * top * period else 0
             still = way < 0.25 * top * period and turned < 0.25 * arena.robot.top_turn_rate * period
             robot.blocked = robot.action != STOP and still and any(moment.touched[:, env, index])
             robot.collided = robot.action != STOP and bool(moment.touched[0, env, index])
@@ -213,6 +214,7 @@ class PlainDecPomdp:
             "offset in cell x": (x - (column + 0.5) * size) / (0.5 * size),
             "offset in cell y": (y - (row + 0.5) * size) / (0.5 * size),
             "laden": float(robot.laden),
+            "in place": min(robot.in_place, 20) / 20,
         }
         seen |= {f"mode {name}": float(robot.shown == mode) for mode, name in enumerate(MODE_NAMES)}
         actions = ACTION_NAMES[self.layout.actions]
