@@ -8,6 +8,9 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robosim.errors import InputError, nearest_names
 from robosim.learning.technique import find_technique
 
@@ -26,7 +29,7 @@ class TrainConfig:
     """Joint decisions in total, summed over environments."""
     seed: int = 0
     """Root of all randomness of the run."""
-    num_envs: int = 4
+    num_envs: int = 8
     """Environments that run side by side."""
     actions: Literal["cardinal", "wheels"] = "cardinal"
     """What the five actions are."""
@@ -48,6 +51,8 @@ class TrainConfig:
     """Share of random actions at the start."""
     epsilon_end: float = 0.02
     """Share of random actions once exploration has run down."""
+    epsilon_spread: float = 7.0
+    """How much less further environments explore: the i-th of n by epsilon ** (1 + spread * i / (n - 1))."""
     exploration: float = 0.1
     """Share of the run over which the share of random actions falls."""
     hidden: tuple[int, ...] = (128, 128, 128)
@@ -88,6 +93,15 @@ class TrainConfig:
         progress = min(1.0, step / max(1.0, self.exploration * self.steps))
         return self.epsilon_start + (self.epsilon_end - self.epsilon_start) * progress
 
+    def epsilons(self, step: int) -> NDArray[np.float64]:
+        """Return the share of random actions in each environment after `step` joint decisions, [envs].
+
+        All but the first soon act almost greedily (Horgan 2018), so that experience holds what the finished
+        team would do, standstill included.
+        """
+        place = np.arange(self.num_envs) / max(1, self.num_envs - 1)
+        return np.asarray(self.epsilon(step) ** (1.0 + self.epsilon_spread * place))
+
     def learning_rate_at(self, step: int) -> float:
         """Return Adam's step size after `step` joint decisions."""
         progress = min(1.0, step / self.steps)
@@ -109,6 +123,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "batch_size": (1, 65_536),
     "epsilon_start": (0.0, 1.0),
     "epsilon_end": (0.0, 1.0),
+    "epsilon_spread": (0.0, 1000.0),
     "exploration": (0.0, 1.0),
     "replay_capacity": (1, 10**8),
     "warmup": (0, 10**10),

@@ -66,8 +66,13 @@ class StackedDoubleDQN:
             inputs = torch.from_numpy(observation).transpose(0, 1).contiguous()
             return forward(self.parameters, inputs, activations).transpose(0, 1).numpy().copy()
 
-    def act(self, observation: NDArray[np.float32], epsilon: float) -> NDArray[np.int64]:
-        """Choose actions [envs, robots]: each robot its best, or with probability `epsilon` any."""
+    def act(
+        self, observation: NDArray[np.float32], epsilon: float | NDArray[np.float64]
+    ) -> NDArray[np.int64]:
+        """Choose actions [envs, robots]: each robot its best, or with probability `epsilon` any.
+
+        `epsilon` is one number, or [envs, 1].
+        """
         shape = observation.shape[:2]
         # Both draws are always made, so that the stream of numbers does not depend on the outcome.
         explores = self._explore.random(shape) < epsilon

@@ -98,8 +98,7 @@ def learn(
     observation = env.reset()
     step = 0
     while step < config.steps:
-        epsilon = config.epsilon(step)
-        actions = learner.act(observation, epsilon)
+        actions = learner.act(observation, config.epsilons(step)[:, None])
         transition = env.step(actions)
         decision = Experience(observation, actions, transition.reward, transition.final_observation)
         complete = returns.add(decision, bool(transition.truncated.all()))
@@ -112,7 +111,7 @@ def learn(
         while learner.updates < due:
             learner.update(config.learning_rate_at(step))
         if step // _ROW > rows_before or step >= config.steps:
-            report(log.cut(epsilon, float(learner.loss().mean())))
+            report(log.cut(config.epsilon(step), float(learner.loss().mean())))
 
 
 def make_env(config: TrainConfig, num_envs: int, seed: int) -> VectorEnv:

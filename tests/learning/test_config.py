@@ -61,6 +61,14 @@ def test_exploration_falls_over_the_first_tenth_and_stays():
     assert config.epsilon(999) == pytest.approx(0.02)
 
 
+def test_further_environments_explore_less():
+    config = TrainConfig(steps=1000, num_envs=3, epsilon_spread=2.0)
+    assert config.epsilons(0) == pytest.approx([1.0, 1.0, 1.0])
+    assert config.epsilons(500) == pytest.approx([0.02, 0.02**2, 0.02**3])
+    assert TrainConfig(steps=1000, num_envs=1).epsilons(500) == pytest.approx([0.02])
+    assert TrainConfig(steps=1000, epsilon_spread=0.0).epsilons(500) == pytest.approx([0.02] * 8)
+
+
 def test_step_size_falls_in_a_line_to_its_share():
     config = TrainConfig(steps=1000, learning_rate=1e-3, learning_rate_end=0.1)
     assert config.learning_rate_at(0) == pytest.approx(1e-3)

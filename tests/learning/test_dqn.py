@@ -6,9 +6,7 @@ from robosim.learning.dqn import DqnSettings, StackedDoubleDQN
 from robosim.learning.networks import NetworkShape
 
 SHAPE = NetworkShape(robots=3, inputs=6, hidden=(16, 16, 16), outputs=5)
-SETTINGS = DqnSettings(
-    discount=0.9, batch_size=8, target_interval=3, replay_capacity=50, reward_scale=0.5
-)
+SETTINGS = DqnSettings(discount=0.9, batch_size=8, target_interval=3, replay_capacity=50, reward_scale=0.5)
 
 
 def filled(shape=SHAPE, seed=0, reward_of_last=1.0):
