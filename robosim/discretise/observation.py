@@ -18,8 +18,9 @@ Encoding = Literal["paper", "expanded"]
 ENCODINGS: tuple[Encoding, ...] = ("paper", "expanded")
 COLLISIONS_FULL = 20
 """Collisions since the last change of mode at which that number is 1 and stays there."""
-IN_PLACE_FULL = 20
-"""Decisions without making way at which that number is 1 and stays there."""
+IN_PLACE_CYCLE = 20
+"""Decisions without making way after which that number begins anew: a policy that answers every observation
+with one action stands still for ever once nothing that it observes changes, so one number always does."""
 _COMPASS = ("N", "S", "W", "E", "NW", "NE", "SW", "SE")
 
 
@@ -143,5 +144,5 @@ def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.fl
     out[..., 22:end] = own.free_neighbours
     out[..., end : end + 8] = own.progress
     out[..., end + 8 : end + 11] = own.pellet
-    out[..., end + 11] = np.minimum(own.in_place * (1.0 / IN_PLACE_FULL), 1.0)
+    out[..., end + 11] = own.in_place % IN_PLACE_CYCLE * (1.0 / IN_PLACE_CYCLE)
     return end + 12

@@ -214,7 +214,7 @@ class PlainDecPomdp:
             "offset in cell x": (x - (column + 0.5) * size) / (0.5 * size),
             "offset in cell y": (y - (row + 0.5) * size) / (0.5 * size),
             "laden": float(robot.laden),
-            "in place": min(robot.in_place, 20) / 20,
+            "in place": robot.in_place % 20 / 20,
         }
         seen |= {f"mode {name}": float(robot.shown == mode) for mode, name in enumerate(MODE_NAMES)}
         actions = ACTION_NAMES[self.layout.actions]
