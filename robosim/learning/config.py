@@ -35,7 +35,7 @@ class TrainConfig:
     """What the five actions are."""
     encoding: Literal["paper", "expanded"] = "expanded"
     """How observations are written."""
-    episode_steps: int = 0
+    episode_steps: int = 1250
     """Decisions in a training episode; 0 for as many as the arena says."""
     learning_rate: float = 1e-3
     """Step size of Adam at the start."""

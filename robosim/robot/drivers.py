@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 JAMMED_TURN = 0.3
 """A turn on the spot that makes less than this share of its commanded angle is jammed."""
+MIDDLE_SHARE = 2.0 / 3.0
+"""Before a wall, a robot this near to the middle of its cell halts, as a share of a decision's way: so it
+ends no further beyond the middle than the rest of that way."""
 WIGGLE_SPEEDS = np.array([0.0, -0.5, 0.5, -0.5, 0.5, -0.5])
 """Speeds in the decisions that a jam lasts, in top speeds: back out of it, then forward, and so on."""
 ActionKind = Literal["cardinal", "wheels"]
@@ -55,8 +58,6 @@ class Wheels(IntEnum):
 CARDINAL_STEPS = np.array([[0, 1], [0, -1], [-1, 0], [1, 0], [0, 0]], dtype=np.int64)
 """[5, 2] steps (columns, rows) of the cardinal actions; rows grow northward."""
 
-CARDINAL_CENTRES = CARDINAL_STEPS + 0.5
-"""[5, 2] centre of the cell that an action leads to, in cells from the corner of the robot's cell."""
 TWO_PI = 2.0 * np.pi
 
 ACTION_NAMES: dict[str, tuple[str, ...]] = {
@@ -82,20 +83,30 @@ class Driver(Protocol):
 
 
 class CardinalDriver:
-    """Turns toward the centre of the neighbouring cell and drives there, stopping for nobody.
+    """Turns toward the centre of the neighbouring cell and drives there, stopping for walls but for nobody.
 
     The target is fixed when the decision begins, so a robot that follows one direction is drawn to
     the middle of its row or column of cells. A robot whose turn is jammed, its pellet or its tail
     against a wall, backs and advances in turn until it is free.
     """
 
-    def __init__(self, sheet: RobotSheet, cell_size: float, control_period: float) -> None:
+    def __init__(
+        self,
+        sheet: RobotSheet,
+        free: NDArray[np.bool_],
+        cell_size: float,
+        control_period: float,
+        decision_period: float,
+    ) -> None:
+        """Take the free cells [rows, columns] of the map, the size of a cell (m) and the periods (s)."""
         self._sheet = sheet
+        self._free = free
         self._cell = cell_size
         self._period = control_period
+        self._close_enough = MIDDLE_SHARE * sheet.top_speed * decision_period / cell_size
         self._half_base = 0.5 * sheet.wheel_base
-        self._target_x = np.empty(0)
-        self._target_y = np.empty(0)
+        self._target_x: Floats = np.empty(0)
+        self._target_y: Floats = np.empty(0)
         self._halt = np.empty(0, dtype=np.bool_)
         self._jam = np.zeros(0, dtype=np.int64)
         self._wiggle = np.zeros(0)
@@ -115,12 +126,17 @@ class CardinalDriver:
         self._turn[env] = 0.0
 
     def begin(self, pose: Floats, actions: Integers) -> None:
-        cells = np.floor(pose[..., :2] * (1.0 / self._cell))
-        cells += CARDINAL_CENTRES[actions]
-        cells *= self._cell
-        self._target_x = cells[..., 0]
-        self._target_y = cells[..., 1]
-        self._halt = actions == STOP
+        coordinates = pose[..., :2] * (1.0 / self._cell)
+        cells = coordinates.astype(np.int64)
+        steps = CARDINAL_STEPS[actions]
+        target = cells + steps
+        # Nobody drives into a wall: with one ahead, a robot closes up to the middle of its cell and halts.
+        clear = self._free[target[..., 1], target[..., 0]]
+        to_middle = ((cells + 0.5 - coordinates) * steps).sum(axis=-1)
+        self._halt = (actions == STOP) | (~clear & (to_middle < self._close_enough))
+        centre = np.multiply(target + 0.5, self._cell, dtype=np.float64)
+        self._target_x = centre[..., 0]
+        self._target_y = centre[..., 1]
         # A turn on the spot over the last decision that got nowhere; a passage of the heading from
         # pi to -pi looks like a turn, and only puts the finding off.
         turned = np.abs(pose[..., 2] - self._heading)
@@ -171,8 +187,15 @@ class WheelsDriver:
         return self._speeds
 
 
-def make_driver(kind: ActionKind, sheet: RobotSheet, cell_size: float, control_period: float) -> Driver:
-    """Return the driver for actions of `kind`."""
+def make_driver(
+    kind: ActionKind,
+    sheet: RobotSheet,
+    free: NDArray[np.bool_],
+    cell_size: float,
+    control_period: float,
+    decision_period: float,
+) -> Driver:
+    """Return the driver for actions of `kind`; `free` [rows, columns] are the cells that are no walls."""
     if kind == "cardinal":
-        return CardinalDriver(sheet, cell_size, control_period)
+        return CardinalDriver(sheet, free, cell_size, control_period, decision_period)
     return WheelsDriver(sheet)

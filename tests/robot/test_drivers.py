@@ -11,6 +11,7 @@ from robosim.robot.sheet import RobotSheet
 
 SHEET = RobotSheet()
 CELL, PERIOD = 0.15, 0.1
+FREE = np.ones((40, 40), dtype=np.bool_)
 
 
 def drive(driver, pose: np.ndarray, actions: list[int], decisions: int = 1) -> np.ndarray:
@@ -27,9 +28,25 @@ def drive(driver, pose: np.ndarray, actions: list[int], decisions: int = 1) -> n
 
 
 def cardinal(pose: np.ndarray) -> CardinalDriver:
-    driver = CardinalDriver(SHEET, CELL, PERIOD)
+    driver = CardinalDriver(SHEET, FREE, CELL, PERIOD, 3 * PERIOD)
     driver.reset(0, pose)
     return driver
+
+
+@pytest.mark.parametrize("action", [Cardinal.NORTH, Cardinal.SOUTH, Cardinal.WEST, Cardinal.EAST])
+@pytest.mark.parametrize("offset", [-0.06, -0.01, 0.01, 0.05])
+def test_with_a_wall_ahead_a_robot_closes_up_to_the_middle_of_its_cell(action, offset) -> None:
+    step = CARDINAL_STEPS[action]
+    walled = FREE.copy()
+    walled[10 + step[1], 10 + step[0]] = False
+    start = 10.5 * CELL + offset * step
+    pose = np.array([[[start[0], start[1], math.atan2(step[1], step[0])]]])
+    driver = CardinalDriver(SHEET, walled, CELL, PERIOD, 3 * PERIOD)
+    driver.reset(0, pose)
+    end = drive(driver, pose, [action], decisions=6)[0, 0]
+    beyond = (end[:2] - 10.5 * CELL) @ step
+    print(f"{action.name} from {1000 * offset:.0f} mm: ends {1000 * beyond:.1f} mm beyond the middle")
+    assert max(offset, -0.041) - 1e-9 <= beyond <= max(offset, 0.021) + 1e-9
 
 
 def test_wheels_actions_are_top_speeds_held() -> None:
@@ -82,7 +99,7 @@ def test_commands_are_within_the_data_sheet_but_for_turns_that_are_jammed() -> N
     pose = np.concatenate(
         [rng.uniform(0.0, 3.0, (4, 100, 2)), rng.uniform(-np.pi, np.pi, (4, 100, 1))], axis=2
     )
-    driver = CardinalDriver(SHEET, CELL, PERIOD)
+    driver = CardinalDriver(SHEET, FREE, CELL, PERIOD, 3 * PERIOD)
     for env in range(4):
         driver.reset(env, pose)
     for decision in range(10):
@@ -134,7 +151,7 @@ def test_a_jammed_turn_is_backed_out_of_and_a_free_one_is_not() -> None:
 
 def test_reset_forgets_one_environment_only() -> None:
     pose = np.array([[[1.0, 1.0, 0.0]], [[1.0, 1.0, 0.0]]])
-    driver = CardinalDriver(SHEET, CELL, PERIOD)
+    driver = CardinalDriver(SHEET, FREE, CELL, PERIOD, 3 * PERIOD)
     driver.reset(0, pose)
     driver.reset(1, pose)
     for _ in range(2):
@@ -148,5 +165,5 @@ def test_reset_forgets_one_environment_only() -> None:
 
 
 def test_each_kind_of_action_has_its_driver() -> None:
-    assert isinstance(make_driver("cardinal", SHEET, CELL, PERIOD), CardinalDriver)
-    assert isinstance(make_driver("wheels", SHEET, CELL, PERIOD), WheelsDriver)
+    assert isinstance(make_driver("cardinal", SHEET, FREE, CELL, PERIOD, 3 * PERIOD), CardinalDriver)
+    assert isinstance(make_driver("wheels", SHEET, FREE, CELL, PERIOD, 3 * PERIOD), WheelsDriver)

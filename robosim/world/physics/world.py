@@ -40,7 +40,14 @@ class PhysicsWorld:
         self.robots = robots
         self.num_envs = num_envs
         sheet, timing = arena.robot, arena.timing
-        self._driver = make_driver(actions, sheet, arena.cell_size, timing.control_period)
+        self._driver = make_driver(
+            actions,
+            sheet,
+            arena.zones != Zone.WALL,
+            arena.cell_size,
+            timing.control_period,
+            timing.decision_period,
+        )
         self._max_change = sheet.max_wheel_acceleration * timing.control_period
         self._half_period = 0.5 * timing.control_period
         self._gripper_offset = 0.5 * sheet.length
