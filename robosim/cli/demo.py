@@ -8,7 +8,7 @@ from itertools import chain, count
 from pathlib import Path
 
 ROBOTS = 2
-STEPS = 40_000
+STEPS = 30_000
 """Decisions to learn from: enough for two robots to share the tunnel well."""
 EPISODES = 3
 EPISODE_STEPS = 1000

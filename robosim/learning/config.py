@@ -67,8 +67,10 @@ class TrainConfig:
     """Updates between two copies of the network into its target network."""
     reward_scale: float = 0.1
     """Factor on rewards before learning."""
-    evaluation_episodes: int = 3
+    evaluation_episodes: int = 5
     """Episodes without exploration after training; 0 for none."""
+    evaluation_steps: int = 0
+    """Decisions in each of them; 0 for as many as the arena says."""
 
     def __post_init__(self) -> None:
         """Check every field; InputError names the first that is wrong."""
@@ -131,6 +133,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "target_interval": (1, 10**9),
     "reward_scale": (1e-6, 1e6),
     "evaluation_episodes": (0, 10_000),
+    "evaluation_steps": (0, 10**9),
 }
 
 

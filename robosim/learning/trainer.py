@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -83,7 +83,8 @@ def train(config: TrainConfig, folder: Path, report: Report, command: str = "") 
     if config.evaluation_episodes == 0:
         return TrainResult(folder, wall_time, None)
     controller = LearnedController(Policy(weights, card), str(folder))
-    test = make_env(config, config.evaluation_episodes, seeds.evaluation)
+    whole = replace(config, episode_steps=config.evaluation_steps)
+    test = make_env(whole, config.evaluation_episodes, seeds.evaluation)
     evaluation = evaluate(controller, test, config.evaluation_episodes, seeds.evaluation)
     (folder / EVALUATION_FILE).write_text(evaluation.model_dump_json(indent=2) + "\n", encoding="utf-8")
     save_policy(folder / RUN_POLICY, weights, card.model_copy(update={"evaluation": evaluation}))

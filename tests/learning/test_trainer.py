@@ -19,7 +19,14 @@ WALK = TrainConfig(
     exploration=0.5, target_interval=100, reward_scale=1.0,
 )  # fmt: skip
 SHORT = TrainConfig(
-    steps=240, robots=2, num_envs=2, episode_steps=60, warmup=40, hidden=(16, 16, 16), evaluation_episodes=2
+    steps=240,
+    robots=2,
+    num_envs=2,
+    episode_steps=60,
+    evaluation_steps=60,
+    warmup=40,
+    hidden=(16, 16, 16),
+    evaluation_episodes=2,
 )
 
 
