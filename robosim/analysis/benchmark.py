@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,7 +83,9 @@ class _Stopwatch:
         space.advance = timed  # type: ignore[method-assign]  # one instance, for the time of a measurement
 
 
-def measure(decisions: int, arena: str = "paper") -> Iterator[Cost]:
+def measure(
+    decisions: int, robots: Sequence[int] = ROBOTS, envs: Sequence[int] = ENVS, arena: str = "paper"
+) -> Iterator[Cost]:
     """Yield the cost of every case: robots, environments, with and without pellets.
 
     `decisions` is how many joint decisions of a single environment a repeat times; a batch times as
@@ -92,14 +95,13 @@ def measure(decisions: int, arena: str = "paper") -> Iterator[Cost]:
     """
     full = load_arena(arena)
     empty = dataclasses.replace(full, pellets=dataclasses.replace(full.pellets, count=0))
-    for robots in ROBOTS:
-        for envs in ENVS:
-            rounds = max(decisions // (1 if envs == 1 else 4), 1)
-            actions = _traffic(full, robots, envs, SPREAD_OUT + rounds)
-            for chosen in (full, empty):
-                repeats = sorted(_time_once(chosen, robots, envs, actions) for _ in range(REPEATS))
-                seconds, floor = repeats[REPEATS // 2]
-                yield Cost(robots, envs, chosen.pellets.count, rounds * envs, seconds, floor)
+    for team, batch in itertools.product(robots, envs):
+        rounds = max(decisions // (1 if batch == 1 else 4), 1)
+        actions = _traffic(full, team, batch, SPREAD_OUT + rounds)
+        for chosen in (full, empty):
+            repeats = sorted(_time_once(chosen, team, batch, actions) for _ in range(REPEATS))
+            seconds, floor = repeats[REPEATS // 2]
+            yield Cost(team, batch, chosen.pellets.count, rounds * batch, seconds, floor)
 
 
 def _traffic(arena: Arena, robots: int, envs: int, rounds: int) -> NDArray[np.int64]:
