@@ -21,7 +21,7 @@ class Evaluate:
     arena: str | None = None
     """Arena by name, or the path of its file; by default the one a policy learned in, or `paper`."""
     robots: int | None = None
-    """Team size; by default a policy's own, or 2."""
+    """Team size; by default a policy's own, or 4."""
     episodes: int = 5
     """Episodes, run side by side."""
     steps: int | None = None
@@ -33,11 +33,9 @@ class Evaluate:
 
     def run(self) -> None:
         """Evaluate and print the figures."""
-        from robosim.arena import load_arena
         from robosim.control.controller import make_controller
+        from robosim.control.environment import environment_for
         from robosim.control.evaluate import evaluate
-        from robosim.control.learned import LearnedController
-        from robosim.envs.vector import VectorEnv
         from robosim.errors import InputError
         from robosim.files import require_writable, write_whole
 
@@ -48,15 +46,12 @@ class Evaluate:
         if self.json is not None:
             require_writable(self.json)
         controller = make_controller(self.policy)
-        card = controller.policy.card if isinstance(controller, LearnedController) else None
-        env = VectorEnv(
-            load_arena(self.arena or (card.arena.name if card else "paper")),
-            robots=self.robots if self.robots is not None else card.robots if card else 2,
+        env = environment_for(
+            controller,
+            self.arena,
+            self.robots,
             num_envs=min(self.episodes, 16),
             seed=self.seed,
-            actions=card.actions if card else "cardinal",
-            encoding=card.observation.encoding if card else "expanded",
-            stigmergy=card.observation.stigmergy if card else True,
             episode_steps=self.steps,
         )
         result = evaluate(controller, env, self.episodes, self.seed)

@@ -38,10 +38,8 @@ class Play:
 
     def run(self) -> None:
         """Record, and say where the recording is and how to open it."""
-        from robosim.arena import load_arena
         from robosim.control.controller import make_controller
-        from robosim.control.learned import LearnedController
-        from robosim.envs.vector import VectorEnv
+        from robosim.control.environment import environment_for
         from robosim.errors import InputError
         from robosim.playback.episode import record_episode
 
@@ -50,14 +48,11 @@ class Play:
         if self.seed < 0:
             raise InputError(f"--seed is {self.seed}: it must not be negative.")
         controller = make_controller(self.policy)
-        card = controller.policy.card if isinstance(controller, LearnedController) else None
-        env = VectorEnv(
-            load_arena(self.arena or (card.arena.name if card else "paper")),
-            robots=self.robots if self.robots is not None else card.robots if card else 4,
+        env = environment_for(
+            controller,
+            self.arena,
+            self.robots,
             seed=self.seed,
-            actions=card.actions if card else "cardinal",
-            encoding=card.observation.encoding if card else "expanded",
-            stigmergy=card.observation.stigmergy if card else True,
             episode_steps=self.steps,
             autoreset=False,
         )
