@@ -15,6 +15,7 @@ from robosim.robot.drivers import STOP
 from robosim.world.contacts import ContactKind
 from robosim.world.state import PelletStatus, WorldState
 
+TWO_PI = 2.0 * np.pi
 COLLISION = np.uint8(Mode.COLLISION)
 BLOCKED_SHARE = 0.25
 """A robot that touches something and makes less than this share of its free motion is blocked."""
@@ -96,7 +97,8 @@ class DecPomdp:
         self._locate(state)
         self._set_modes(state)
 
-        turned = np.abs((motion[..., 2] + np.pi) % (2.0 * np.pi) - np.pi)
+        turned = motion[..., 2]
+        turned = np.abs(turned - TWO_PI * np.rint(turned * (1.0 / TWO_PI)))
         in_place = motion[..., 0] ** 2 + motion[..., 1] ** 2 < self._still_way**2
         self.in_place = np.where(in_place, self.in_place + 1, 0)
         still = in_place & (turned < self._still_turn)
@@ -148,12 +150,12 @@ class DecPomdp:
         seen = np.zeros((*self._cell.shape, 3))
         if state.pellets.size:
             where = (self._env_rows, state.nearest)
-            apart = seen[..., 1:]
-            np.subtract(state.pellets[where], state.pose[..., :2], out=apart)
+            apart = state.pellets[where] - state.pose[..., :2]
             apart *= self._per_sight
-            loose = state.pellet_status[where] == PelletStatus.LOOSE
-            seen[..., 0] = loose & (np.abs(apart).max(axis=2) <= 1.0)
-            apart *= seen[..., :1]
+            near = np.abs(apart).max(axis=2) <= 1.0
+            near &= state.pellet_status[where] == PelletStatus.LOOSE
+            seen[..., 0] = near
+            np.multiply(apart, seen[..., :1], out=seen[..., 1:])
         return seen
 
     def _locate(self, state: WorldState) -> None:

@@ -15,6 +15,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 CHANNELS = ("occupancy", "mode", "laden", "action")
+# From 1 over the number of kinds up to 1, so that no mark looks like none.
+_MODE_MARKS = np.arange(1.0, 8.0) * (1.0 / 7.0)
+_ACTION_MARKS = np.arange(1.0, 6.0) * (1.0 / 5.0)
 
 SLOWEST = 1e-6
 """Least decay and reinforcement: with none, a map would have no saturation to be read against."""
@@ -111,9 +114,9 @@ class PheromoneMap:
         occupancy = maps[:, 0]
         occupancy *= 1.0 - self._config.decay
         occupancy[envs, cell] += self._config.reinforcement
-        maps[envs, 1, cell] = (mode + 1.0) * (1.0 / 7.0)
+        maps[envs, 1, cell] = _MODE_MARKS.take(mode)
         maps[envs, 2, cell] = laden
-        maps[envs, 3, cell] = (action + 1.0) * (1.0 / 5.0)
+        maps[envs, 3, cell] = _ACTION_MARKS.take(action)
         if self._config.diffusion > 0.0:
             self._diffuse(occupancy.reshape(-1, *self._grid.shape))
 

@@ -100,20 +100,22 @@ class CardinalDriver:
     ) -> None:
         """Take the free cells [rows, columns] of the map, the size of a cell (m) and the periods (s)."""
         self._sheet = sheet
-        self._free = free
+        self._free = free.ravel()
+        self._columns = free.shape[1]
         self._cell = cell_size
         self._period = control_period
         self._close_enough = MIDDLE_SHARE * sheet.top_speed * decision_period / cell_size
         self._half_base = 0.5 * sheet.wheel_base
         self._target_x: Floats = np.empty(0)
         self._target_y: Floats = np.empty(0)
-        self._halt = np.empty(0, dtype=np.bool_)
+        self._go = np.empty(0)
         self._jam = np.zeros(0, dtype=np.int64)
         self._wiggle = np.zeros(0)
         self._heading = np.zeros(0)
         self._turn = np.zeros(0)
         self._turning = np.zeros(0)
         self._sense = np.zeros(0)
+        self._error = np.zeros(0)
 
     def reset(self, env: int, pose: Floats) -> None:
         if self._jam.shape != pose.shape[:2]:
@@ -121,6 +123,7 @@ class CardinalDriver:
             self._heading = pose[..., 2].copy()
             self._turn = np.zeros(pose.shape[:2])
             self._turning = np.zeros(pose.shape[:2])
+            self._error = np.zeros(pose.shape[:2])
         self._jam[env] = 0
         self._turning[env] = 0.0
         self._turn[env] = 0.0
@@ -131,20 +134,20 @@ class CardinalDriver:
         steps = CARDINAL_STEPS[actions]
         target = cells + steps
         # Nobody drives into a wall: with one ahead, a robot closes up to the middle of its cell and halts.
-        clear = self._free[target[..., 1], target[..., 0]]
+        clear = self._free.take(target[..., 1] * self._columns + target[..., 0])
         to_middle = ((cells + 0.5 - coordinates) * steps).sum(axis=-1)
-        self._halt = (actions == STOP) | (~clear & (to_middle < self._close_enough))
+        self._go = ((actions != STOP) & (clear | (to_middle >= self._close_enough))).astype(np.float64)
         centre = np.multiply(target + 0.5, self._cell, dtype=np.float64)
         self._target_x = centre[..., 0]
         self._target_y = centre[..., 1]
         # A turn on the spot over the last decision that got nowhere; a passage of the heading from
         # pi to -pi looks like a turn, and only puts the finding off.
         turned = np.abs(pose[..., 2] - self._heading)
-        self._jam += turned < JAMMED_TURN * self._turn
+        self._jam += turned < (JAMMED_TURN * self._period) * self._turn
         self._jam *= self._turn > 0.0
         # A turn once begun goes on the same way round, even the long way, unless the new direction lies
         # within a right angle: a policy that changes its mind in every decision still gets round.
-        self._sense = 0.25 * np.sign(self._turning)
+        self._sense = np.copysign(0.25 * (self._turning > 0.0), self._error)
         self._wiggle = WIGGLE_SPEEDS.take(self._jam, mode="wrap") * self._sheet.top_speed
         self._heading = pose[..., 2].copy()
         self._turn.fill(0.0)
@@ -154,7 +157,7 @@ class CardinalDriver:
         error = np.arctan2(self._target_y - pose[..., 1], self._target_x - pose[..., 0])
         error -= pose[..., 2]
         error -= TWO_PI * np.rint(error * (1.0 / TWO_PI) - self._sense)
-        error[self._halt] = 0.0
+        error *= self._go
         size = np.abs(error)
         on_the_spot = size > TURN_FIRST_ABOVE
         size *= np.where(on_the_spot, 1.0 / self._period, STEERING_GAIN)
@@ -162,11 +165,11 @@ class CardinalDriver:
         # What turning leaves of the wheels' speed goes into driving, once the robot faces the cell.
         speed = sheet.top_speed - self._half_base * rate
         np.copyto(speed, self._wiggle, where=on_the_spot)
-        speed[self._halt] = 0.0
-        np.add(self._turn, rate * self._period, out=self._turn, where=on_the_spot)
-        rate = np.copysign(rate, error)
+        speed *= self._go
         self._turning = rate * on_the_spot
-        return wheel_speeds_for(sheet, speed, rate)
+        self._turn += self._turning
+        self._error = error
+        return wheel_speeds_for(sheet, speed, np.copysign(rate, error))
 
 
 class WheelsDriver:

@@ -177,7 +177,7 @@ class PhysicsWorld:
             ids, bodies = space.bodies()
             state.velocity[env] = bodies[:robots, 3:]
             # Bodies asleep move to the end of the solver's list, so each is found by its id.
-            rank = np.searchsorted(self._listed_ids[env], ids[robots:])
+            rank = self._listed_ids[env].searchsorted(ids[robots:])
             self._slots[env, self._rank_slot[env, rank]] = bodies[robots:, :2]
         state.pellets[...] = self._slots[:, :-1]
         state.pose[..., 2] = wrap_angle(state.pose[..., 2])
