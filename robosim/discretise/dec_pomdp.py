@@ -63,7 +63,6 @@ class DecPomdp:
         self._pose = np.zeros((*shape, 3))
         self._distances = np.zeros((*shape, 2))
         self._paid = np.zeros((num_envs, arena.pellets.count), dtype=np.bool_)
-        self._observation = np.zeros((*shape, layout.size), dtype=np.float32)
         width, height = arena.size
         self._per_size = np.array([1.0 / width, 1.0 / height])
         self._progress = progress_table(self.grid, arena)
@@ -123,7 +122,7 @@ class DecPomdp:
 
     def observe(self, state: WorldState) -> NDArray[np.float32]:
         """Return the observations [envs, robots, size] in a fresh array."""
-        out = np.empty_like(self._observation)
+        out = np.empty((*self._cell.shape, self.layout.size), dtype=np.float32)
         expanded = self.layout.encoding == "expanded"
         own = OwnState(
             mode=self.shown_mode,

@@ -104,7 +104,7 @@ class VectorEnv:
         pheromone = pheromone or PheromoneConfig()
         self.layout = ObservationLayout(encoding, stigmergy, actions, pheromone.radius)
         self.autoreset = autoreset
-        self.seeds = self._seeds_from(seed)
+        self.seeds = self.seeds_from(seed)
         self._world = PhysicsWorld(self.arena, self.robots, self.num_envs, actions)
         self._dec = DecPomdp(
             self.arena,
@@ -140,7 +140,7 @@ class VectorEnv:
         next one of the same seeds.
         """
         if seed is not None:
-            self.seeds = self._seeds_from(seed)
+            self.seeds = self.seeds_from(seed)
             self.episode = -1
         return self._begin(self.episode + 1)
 
@@ -164,7 +164,7 @@ class VectorEnv:
         Raises InputError for actions of the wrong shape, kind or range, before the first reset, and after
         the end of an episode when `autoreset` is off.
         """
-        chosen = _checked_actions(actions, (self.num_envs, self.robots))
+        chosen = checked_actions(actions, (self.num_envs, self.robots))
         if self.episode < 0:
             raise InputError("step: no episode has begun; call reset first.")
         if self.steps_taken >= self.episode_steps:
@@ -259,7 +259,8 @@ class VectorEnv:
             chosen=self._history[: self.steps_taken, env].copy(),
         )
 
-    def _seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:
+    def seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:
+        """Return the seed of each environment for one number, or for one number each; InputError otherwise."""
         if not isinstance(seed, (list, tuple, range, np.ndarray)):
             root = np.random.SeedSequence(_integer("seed", seed, 0, 2**64 - 1))
             return tuple(int(one) for one in root.generate_state(self.num_envs, np.uint64))
@@ -271,7 +272,8 @@ class VectorEnv:
         return seeds
 
 
-def _checked_actions(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int64]:
+def checked_actions(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int64]:
+    """Return actions as integers of `shape` [envs, robots]; InputError for another shape, kind or range."""
     try:
         array = np.asarray(actions)
     except ValueError:

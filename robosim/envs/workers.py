@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from robosim.arena.model import Arena
 from robosim.envs.frame import Frame
 from robosim.envs.options import EnvOptions
-from robosim.envs.vector import Transition, VectorEnv, _checked_actions
+from robosim.envs.vector import Transition, VectorEnv, checked_actions
 from robosim.errors import InputError
 
 _PATIENCE = 5.0
@@ -75,7 +75,7 @@ class WorkerVectorEnv:
         sample = VectorEnv(arena, robots=robots, num_envs=num_envs, seed=seed, **options)
         if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= num_envs:
             raise InputError(f"workers: {workers!r} is not allowed; allowed are 1 to num_envs = {num_envs}.")
-        self._seeds_from = sample._seeds_from
+        self.seeds_from = sample.seeds_from
         self.arena = sample.arena
         self.layout = sample.layout
         self.num_actions = sample.num_actions
@@ -105,7 +105,7 @@ class WorkerVectorEnv:
 
     def reset(self, seed: int | Sequence[int] | None = None) -> NDArray[np.float32]:
         """Begin an episode in every environment; returns the observations [envs, robots, size]."""
-        seeds = None if seed is None else self._seeds_from(seed)
+        seeds = None if seed is None else self.seeds_from(seed)
         for worker, share in enumerate(self._shares):
             self._send(worker, ("reset", None if seeds is None else seeds[share]))
         self._collect()
@@ -113,7 +113,7 @@ class WorkerVectorEnv:
 
     def step(self, actions: ArrayLike) -> Transition:
         """Take one decision in every environment: `actions` is [envs, robots]."""
-        self._arrays["actions"][:] = _checked_actions(actions, (self.num_envs, self.robots))
+        self._arrays["actions"][:] = checked_actions(actions, (self.num_envs, self.robots))
         for worker in range(len(self._shares)):
             self._send(worker, ("step", None))
         self._collect()

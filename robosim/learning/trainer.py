@@ -28,6 +28,7 @@ from robosim.control.learned import LearnedController
 from robosim.control.policy import RUN_POLICY, Policy, save_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
+from robosim.files import write_whole
 from robosim.learning.config import TrainConfig, write_config
 from robosim.learning.dqn import DqnSettings, StackedDoubleDQN
 from robosim.learning.metrics import Metrics, MetricsLog, write_metrics
@@ -86,7 +87,7 @@ def train(config: TrainConfig, folder: Path, report: Report, command: str = "") 
     whole = replace(config, episode_steps=config.evaluation_steps)
     test = make_env(whole, config.evaluation_episodes, seeds.evaluation)
     evaluation = evaluate(controller, test, config.evaluation_episodes, seeds.evaluation)
-    (folder / EVALUATION_FILE).write_text(evaluation.model_dump_json(indent=2) + "\n", encoding="utf-8")
+    write_whole(folder / EVALUATION_FILE, evaluation.model_dump_json(indent=2) + "\n")
     save_policy(folder / RUN_POLICY, weights, card.model_copy(update={"evaluation": evaluation}))
     return TrainResult(folder, wall_time, evaluation)
 
