@@ -260,7 +260,7 @@ class VectorEnv:
         )
 
     def seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:
-        """Return the seed of each environment for one number, or for one number each; InputError otherwise."""
+        """Return the seed of each environment, for one number or one each; InputError for anything else."""
         if not isinstance(seed, (list, tuple, range, np.ndarray)):
             root = np.random.SeedSequence(_integer("seed", seed, 0, 2**64 - 1))
             return tuple(int(one) for one in root.generate_state(self.num_envs, np.uint64))
