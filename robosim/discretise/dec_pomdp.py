@@ -12,11 +12,12 @@ from robosim.discretise.observation import ObservationLayout, OwnState, write_ow
 from robosim.discretise.pheromone import PheromoneConfig, PheromoneMap
 from robosim.discretise.reward import RewardConfig, rewards
 from robosim.robot.drivers import STOP
-from robosim.world.contacts import ContactKind
 from robosim.world.state import PelletStatus, WorldState
 
 TWO_PI = 2.0 * np.pi
+# Arrays compare with numpy's own scalars several times faster than with members of an enumeration.
 COLLISION = np.uint8(Mode.COLLISION)
+LOOSE = np.uint8(PelletStatus.LOOSE)
 BLOCKED_SHARE = 0.25
 """A robot that touches something and makes less than this share of its free motion is blocked."""
 SIGHT = 2.0
@@ -60,13 +61,14 @@ class DecPomdp:
         """[envs] robots per cell of tunnel length."""
         self._cell = np.zeros(shape, dtype=np.int64)
         self._laden = np.zeros(shape, dtype=np.bool_)
-        self._pose = np.zeros((*shape, 3))
+        self._place = np.zeros((*shape, 2))
+        self._heading = np.zeros(shape)
         self._distances = np.zeros((*shape, 2))
         self._paid = np.zeros((num_envs, arena.pellets.count), dtype=np.bool_)
         width, height = arena.size
         self._per_size = np.array([1.0 / width, 1.0 / height])
         self._progress = progress_table(self.grid, arena)
-        self._env_rows = np.arange(num_envs)[:, None]
+        self._first_pellet = arena.pellets.count * np.arange(num_envs)[:, None]
         self._per_sight = 1.0 / (SIGHT * arena.cell_size)
         self._per_farthest = 1.0 / float(arena.distances.raster.max())
         sheet, period = arena.robot, arena.timing.decision_period
@@ -91,20 +93,23 @@ class DecPomdp:
     def update(self, actions: NDArray[np.int64], state: WorldState) -> NDArray[np.float64]:
         """Take in what `actions` [envs, robots] have led to; returns the rewards [envs, robots]."""
         was_laden, was_mode, was_distances = self._laden, self.mode, self._distances
-        motion = state.pose - self._pose
+        was_place, was_heading = self._place, self._heading
         under_way = actions != STOP
         self._locate(state)
         self._set_modes(state)
 
-        turned = motion[..., 2]
+        turned = self._heading - was_heading
         turned = np.abs(turned - TWO_PI * np.rint(turned * (1.0 / TWO_PI)))
-        in_place = motion[..., 0] ** 2 + motion[..., 1] ** 2 < self._still_way**2
-        self.in_place = np.where(in_place, self.in_place + 1, 0)
+        way = self._place - was_place
+        way *= way
+        in_place = way[..., 0] + way[..., 1] < self._still_way**2
+        self.in_place = (self.in_place + 1) * in_place
         still = in_place & (turned < self._still_turn)
-        self.blocked = under_way & still & state.touched.any(axis=0)
+        other_robot, wall, pellet = state.touched
+        self.blocked = under_way & still & (other_robot | wall | pellet)
         self.shown_mode = np.where(self.blocked, COLLISION, self.mode)
-        self.collided = under_way & state.touched[ContactKind.ROBOT_ROBOT]
-        self.collisions = np.where(self.mode == was_mode, self.collisions, 0) + self.collided
+        self.collided = under_way & other_robot
+        self.collisions = self.collisions * (self.mode == was_mode) + self.collided
         self.previous_action = actions.copy()
 
         gained = was_distances - self._distances
@@ -127,8 +132,8 @@ class DecPomdp:
         own = OwnState(
             mode=self.shown_mode,
             laden=self._laden,
-            place=state.pose[..., :2] * self._per_size,
-            heading=state.pose[..., 2],
+            place=self._place * self._per_size,
+            heading=self._heading,
             offset=self._offset,
             previous_action=self.previous_action,
             collisions=self.collisions,
@@ -148,33 +153,36 @@ class DecPomdp:
         """Return whether a loose pellet is within `SIGHT`, and where from the robot, [envs, robots, 3]."""
         seen = np.zeros((*self._cell.shape, 3))
         if state.pellets.size:
-            where = (self._env_rows, state.nearest)
-            apart = state.pellets[where] - state.pose[..., :2]
+            nearest = state.nearest + self._first_pellet
+            apart = state.pellets.reshape(-1, 2).take(nearest, axis=0)
+            apart -= self._place
             apart *= self._per_sight
-            near = np.abs(apart).max(axis=2) <= 1.0
-            near &= state.pellet_status[where] == PelletStatus.LOOSE
+            inside = np.abs(apart) <= 1.0
+            near = inside[..., 0] & inside[..., 1]
+            near &= state.pellet_status.take(nearest) == LOOSE
             seen[..., 0] = near
             np.multiply(apart, seen[..., :1], out=seen[..., 1:])
         return seen
 
     def _locate(self, state: WorldState) -> None:
-        coordinates = self.grid.cell_coordinates(state.pose[..., :2])
+        self._place = state.pose[..., :2].copy()
+        self._heading = state.pose[..., 2].copy()
+        coordinates = self.grid.cell_coordinates(self._place)
         self._cell = self.grid.flat_index(coordinates)
         self._offset = 2.0 * (coordinates - np.floor(coordinates)) - 1.0
         self._laden = state.held >= 0
-        self._pose = state.pose.copy()
-        self._distances = self._arena.distances.sample(state.pose[..., :2])
+        self._distances = self._arena.distances.sample(self._place)
         self.density = self.grid.tunnel_density(self._cell)
 
     def _set_modes(self, state: WorldState) -> None:
-        self.mode = modes(self.grid.zones[self._cell], self._laden, state.touching >= 0)
+        self.mode = modes(self.grid.zones.take(self._cell), self._laden, state.touching >= 0)
 
     def _first_pickups(self, state: WorldState) -> NDArray[np.int64]:
         """Return which robots took a pellet that nobody has been paid for, and mark it as paid."""
         taken = state.picked >= 0
         first = taken.astype(np.int64)
         self._paid[state.fresh] = False
-        if taken.any():
+        if np.count_nonzero(taken):
             envs, robots = np.nonzero(taken)
             pellets = state.picked[envs, robots]
             first[envs, robots] = ~self._paid[envs, pellets]

@@ -34,7 +34,8 @@ _UNLADEN[Zone.HOME] = Mode.EXIT_HOME
 _UNLADEN_TOUCHING = _UNLADEN.copy()
 _UNLADEN_TOUCHING[Zone.FLOOR] = Mode.DIGGING
 _UNLADEN_TOUCHING[Zone.TUNNEL] = Mode.DIGGING
-_MODES = np.stack([_UNLADEN, _UNLADEN_TOUCHING, _LADEN, _LADEN])
+_MODES = np.stack([_UNLADEN, _UNLADEN_TOUCHING, _LADEN, _LADEN]).ravel()
+_LADEN_ROW, _TOUCHING_ROW = 2 * len(Zone), len(Zone)
 
 _GRIPPERS = np.full(len(Mode), Gripper.KEEP, dtype=np.int8)
 _GRIPPERS[Mode.DIGGING] = Gripper.TAKE
@@ -49,9 +50,9 @@ def modes(
     `laden` says that a robot holds a pellet, `touching` that its gripper touches a loose one; all
     arrays have the same shape.
     """
-    return _MODES[2 * laden.astype(np.intp) + touching, zone]
+    return _MODES.take(_LADEN_ROW * laden + _TOUCHING_ROW * touching + zone)
 
 
 def gripper_commands(mode: NDArray[np.uint8]) -> NDArray[np.int8]:
     """Return what the grippers do in the given modes: take in Digging, open in Dumping."""
-    return _GRIPPERS[mode]
+    return _GRIPPERS.take(mode)

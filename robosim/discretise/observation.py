@@ -131,11 +131,11 @@ def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.fl
         out[..., 5] = crowd
         out[..., 6:8] = own.distances
         return 8
-    out[..., 0:7] = _MODE_CODES[own.mode]
+    out[..., 0:7] = _MODE_CODES.take(own.mode, axis=0)
     out[..., 7:9] = own.place
     out[..., 9] = np.sin(own.heading)
     out[..., 10] = np.cos(own.heading)
-    out[..., 11:16] = _ACTION_CODES[own.previous_action]
+    out[..., 11:16] = _ACTION_CODES.take(own.previous_action, axis=0)
     out[..., 16] = crowd
     out[..., 17:19] = own.distances
     out[..., 19:21] = own.offset

@@ -75,14 +75,17 @@ class PheromoneMap:
         self._grid = grid
         self._config = config
         self._maps = np.zeros((num_envs, len(CHANNELS), grid.size))
-        free = grid.free
-        self._flow_up = config.diffusion * (free[1:] & free[:-1])
-        self._flow_right = config.diffusion * (free[:, 1:] & free[:, :-1])
+        self._flat = self._maps.reshape(-1)
+        # By flat index, to the cell above and to the one on the right; the last of a row has none.
+        free, row = grid.free.ravel(), grid.shape[1]
+        self._flow_up = config.diffusion * (free[row:] & free[:-row])
+        self._flow_right = config.diffusion * (free[1:] & free[:-1])
+        self._flow_right[row - 1 :: row] = 0.0
         side = np.arange(-config.radius, config.radius + 1)
         steps = np.array([(column, row) for row in side[::-1] for column in side], dtype=np.int64)
         self._patch = grid.flat_steps(steps)
         self._channel_patch = np.arange(len(CHANNELS))[:, None] * grid.size + self._patch
-        self._envs = np.arange(num_envs)[:, None]
+        self._first_cell = len(CHANNELS) * grid.size * np.arange(num_envs)[:, None]
         self._fade_scale = 1.0 / config.saturation
 
     @property
@@ -110,23 +113,27 @@ class PheromoneMap:
         All arguments are [envs, robots]; `cell` is the flat index. Of several robots in one cell the
         last one leaves its marks, and the visit counts once.
         """
-        envs, maps = self._envs, self._maps
-        occupancy = maps[:, 0]
+        flat, size = self._flat, self._grid.size
+        occupancy = self._maps[:, 0]
         occupancy *= 1.0 - self._config.decay
-        occupancy[envs, cell] += self._config.reinforcement
-        maps[envs, 1, cell] = _MODE_MARKS.take(mode)
-        maps[envs, 2, cell] = laden
-        maps[envs, 3, cell] = _ACTION_MARKS.take(action)
+        here = cell + self._first_cell
+        flat[here] = flat.take(here) + self._config.reinforcement
+        for mark in (_MODE_MARKS.take(mode), laden, _ACTION_MARKS.take(action)):
+            here += size
+            flat[here] = mark
         if self._config.diffusion > 0.0:
-            self._diffuse(occupancy.reshape(-1, *self._grid.shape))
+            self._diffuse(occupancy)
 
     def _diffuse(self, rho: Floats) -> None:
-        up = (rho[:, 1:] - rho[:, :-1]) * self._flow_up
-        right = (rho[:, :, 1:] - rho[:, :, :-1]) * self._flow_right
-        rho[:, :-1] += up
-        rho[:, 1:] -= up
-        rho[:, :, :-1] += right
-        rho[:, :, 1:] -= right
+        row = self._grid.shape[1]
+        up = rho[:, row:] - rho[:, :-row]
+        up *= self._flow_up
+        right = rho[:, 1:] - rho[:, :-1]
+        right *= self._flow_right
+        rho[:, :-row] += up
+        rho[:, row:] -= up
+        rho[:, :-1] += right
+        rho[:, 1:] -= right
 
     def read(self, cell: Integers, out: NDArray[np.float32]) -> None:
         """Write the patches around the robots in `cell` [envs, robots] into `out` [envs, robots, patch_size].
@@ -134,8 +141,8 @@ class PheromoneMap:
         Channel by channel, each from the north-west to the south-east. Occupancy is given relative
         to its saturation, at most 1; the marks fade with it. What lies outside reads 0.
         """
-        start = cell + len(CHANNELS) * self._grid.size * self._envs
-        patch = self._maps.ravel().take(start[..., None, None] + self._channel_patch)
+        start = cell + self._first_cell
+        patch = self._flat.take(start[..., None, None] + self._channel_patch)
         strength = np.minimum(patch[:, :, 0] * self._fade_scale, 1.0)
         patch[:, :, 1:] *= strength[:, :, None]
         patch[:, :, 0] = strength

@@ -34,15 +34,17 @@ def wheel_speeds_for(sheet: RobotSheet, speed: Floats, turn_rate: Floats) -> Flo
     return wheels
 
 
-def slew(current: Floats, command: Floats, max_speed: Floats | float, max_change: float) -> Floats:
+def slew(current: Floats, command: Floats, max_speed: Floats | float, max_change: Floats | float) -> Floats:
     """Return the wheel speeds one control period later, within the limits of speed and acceleration.
 
     `current` and `command` are wheel speeds in rad/s, `max_change` the largest change (rad/s) that
     the wheels' acceleration allows in the period.
     """
     low = np.maximum(current - max_change, -max_speed)
-    high = np.minimum(current + max_change, max_speed)
-    return np.minimum(np.maximum(command, low), high)
+    high = current + max_change
+    np.minimum(high, max_speed, out=high)
+    np.maximum(low, command, out=low)
+    return np.minimum(low, high, out=low)
 
 
 def wrap_angle(angle: Floats) -> Floats:

@@ -14,10 +14,11 @@ from robosim.world.physics.space import EpisodeSpace
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-WALL, LOOSE_PELLET = -1, -2
+_ROBOT_ROBOT = np.uint8(ContactKind.ROBOT_ROBOT)
+LOOSE_PELLET, WALL = -1, -2
 """Owners of bodies that are no part of a robot."""
 _KIND_OF_OTHER = np.array(
-    [ContactKind.ROBOT_ROBOT, ContactKind.ROBOT_PELLET, ContactKind.ROBOT_WALL], dtype=np.uint8
+    [ContactKind.ROBOT_ROBOT, ContactKind.ROBOT_WALL, ContactKind.ROBOT_PELLET], dtype=np.uint8
 )
 """Indexed by the owner of the second body: 0 for any robot, and the two negative owners from the end."""
 
@@ -69,8 +70,10 @@ class ContactLog:
         if not any(lengths[-1] for lengths in self._lengths):
             return no_contacts()
         listed = [space.contacts() for space in spaces]
-        ids = np.concatenate([part for part, _ in listed])
-        rows = np.concatenate([part for _, part in listed])
+        ids, rows = listed[0]
+        if len(listed) > 1:
+            ids = np.concatenate([part for part, _ in listed])
+            rows = np.concatenate([part for _, part in listed])
         rank = self._sorted_ids.searchsorted(ids)
         np.minimum(rank, len(self._sorted_ids) - 1, out=rank)
         bodies = self._body_of_rank[rank]
@@ -79,8 +82,8 @@ class ContactLog:
         sizes = lengths[:, 1:] - lengths[:, :-1]
         slot = self._slots.repeat(sizes.ravel())
         row_envs = slot // timing.control_steps
-        self._owner[:, self._robots : -1] = np.where(holder >= 0, holder, LOOSE_PELLET)
-        owners = self._owner[row_envs[:, None], bodies]
+        self._owner[:, self._robots : -1] = holder
+        owners = self._owner.take(bodies + (self._bodies + 1) * row_envs[:, None])
         one, other = owners[:, 0], owners[:, 1]
         concerns = ((np.maximum(one, other) >= 0) & (one != other)).nonzero()[0]
         if not concerns.size:
@@ -94,7 +97,7 @@ class ContactLog:
         bodies[swap] = bodies[swap, ::-1]
         a, other = owners[:, 0], owners[:, 1]
         kind = _KIND_OF_OTHER[np.minimum(other, 0)]
-        b = np.where(other == LOOSE_PELLET, bodies[:, 1] - self._robots, other)
+        b = np.where(other == LOOSE_PELLET, bodies[:, 1] - self._robots, np.maximum(other, -1))
         # The solver lists contacts by the addresses of its shapes, which differ between processes.
         span = self._bodies + 1
         key = ((slot * len(ContactKind) + kind) * span + bodies[:, 0]) * span + bodies[:, 1]
@@ -110,15 +113,15 @@ class ContactLog:
 def lasting(contacts: Contacts) -> Contacts:
     """Return the contacts that still press as their control period ends: they have a place and an impulse."""
     pressing = contacts.impulse > 0.0
-    return contacts if pressing.all() else contacts.where(pressing)
+    return contacts if np.count_nonzero(pressing) == len(pressing) else contacts.where(pressing)
 
 
 def mark_touched(touched: NDArray[np.bool_], contacts: Contacts) -> None:
     """Set who touched what in `touched` [3, envs, robots], cleared before, from a decision's contacts."""
     if contacts.kind.size:
         touched[contacts.kind, contacts.env, contacts.a] = True
-        between = np.flatnonzero(contacts.kind == ContactKind.ROBOT_ROBOT)
-        touched[ContactKind.ROBOT_ROBOT, contacts.env[between], contacts.b[between]] = True
+        between = np.flatnonzero(contacts.kind == _ROBOT_ROBOT)
+        touched[_ROBOT_ROBOT, contacts.env[between], contacts.b[between]] = True
 
 
 def touching_pellets(space: EpisodeSpace, robots: int) -> Integers:

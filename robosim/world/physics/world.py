@@ -23,9 +23,13 @@ TEAR_DISTANCE = 1.0
 """A held pellet pushed this far out of the gripper is torn loose, in pellet radii."""
 REFILL_MARGIN = 1e-3
 """Gap kept around a fresh pellet, m."""
-TINY = 1e-300
+NOBODY = np.array(-1)
+"""In place of a pellet, where there is none."""
+TINY = np.array(1e-300)
 """Keeps sin(x) / x defined at 0, and changes no other value of x."""
+# Arrays compare with numpy's own scalars several times faster than with members of an enumeration.
 LOOSE, HELD, ABSENT = (np.uint8(status) for status in PelletStatus)
+OPEN, TAKE = np.int8(Gripper.OPEN), np.int8(Gripper.TAKE)
 
 
 class PhysicsWorld:
@@ -48,8 +52,9 @@ class PhysicsWorld:
             timing.control_period,
             timing.decision_period,
         )
-        self._max_change = sheet.max_wheel_acceleration * timing.control_period
-        self._half_period = 0.5 * timing.control_period
+        # Arrays of one number: numpy takes them much faster than Python's.
+        self._max_change = np.array(sheet.max_wheel_acceleration * timing.control_period)
+        self._half_period = np.array(0.5 * timing.control_period)
         self._gripper_offset = 0.5 * sheet.length
         self._gripper_reach = arena.pellets.radius + sheet.gripper_reach
         self._home = (arena.zones == Zone.HOME).ravel()
@@ -76,8 +81,10 @@ class PhysicsWorld:
         """[envs, robots, 2] wheel speeds held in the last control period, rad/s."""
         self._max_speed = np.zeros((*shape, 1))
         self._commands = np.zeros((*shape, 3))
-        self._anchor = np.zeros((*shape, 2))
-        self._env_rows = np.arange(num_envs)[:, None]
+        self._anchor_x = np.zeros(shape)
+        self._anchor_y = np.zeros(shape)
+        self._first_pellet = pellets * np.arange(num_envs)[:, None]
+        self._first_distance = pellets * np.arange(num_envs * robots).reshape(shape)
         self._holder = np.full((num_envs, pellets), -1)
         self._last_holder = np.full((num_envs, pellets), -1)
         self._control_steps = np.zeros(num_envs, dtype=np.int64)
@@ -140,8 +147,9 @@ class PhysicsWorld:
         for space in self._spaces:
             space.forget_contacts()
         self._driver.begin(self.state.pose, actions)
-        for _ in range(self.arena.timing.control_steps):
+        for _ in range(self.arena.timing.control_steps - 1):
             self.drive(self._driver.wheel_speeds(self.state.pose))
+        self._push(self._driver.wheel_speeds(self.state.pose))
         self._read_bodies()
         self._read_contacts()
         self._handle_pellets(gripper)
@@ -152,12 +160,18 @@ class PhysicsWorld:
         Commands beyond the top speed or the acceleration are cut down to it. Contacts are logged
         for the decision; pellets are not handled.
         """
-        state, commands = self.state, self._commands
+        self._push(wheel_speeds)
+        for env, space in enumerate(self._spaces):
+            self.state.pose[env] = space.poses()[: self.robots]
+
+    def _push(self, wheel_speeds: Floats) -> None:
+        """Do what `drive` does, but do not look where the bodies have come to."""
+        commands = self._commands
         self.wheel_speeds = slew(self.wheel_speeds, wheel_speeds, self._max_speed, self._max_change)
         speed, rate = body_twist(self.arena.robot, self.wheel_speeds)
         # The chord of the arc that the wheels describe: the end of the period is then exact.
         half_turn = rate * self._half_period
-        chord = state.pose[..., 2] + half_turn
+        chord = self.state.pose[..., 2] + half_turn
         half_turn += TINY
         speed *= np.sin(half_turn)
         speed /= half_turn
@@ -168,13 +182,13 @@ class PhysicsWorld:
         for env, space in enumerate(self._spaces):
             space.drive()
             self._log.add(env, space.list_contacts())
-            state.pose[env] = space.poses()[: self.robots]
 
     def _read_bodies(self) -> None:
-        """Read velocities and pellets, and fold the headings, at the end of a decision."""
+        """Read robots and pellets, and fold the headings, at the end of a decision."""
         robots, state = self.robots, self.state
         for env, space in enumerate(self._spaces):
             ids, bodies = space.bodies()
+            state.pose[env] = bodies[:robots, :3]
             state.velocity[env] = bodies[:robots, 3:]
             # Bodies asleep move to the end of the solver's list, so each is found by its id.
             rank = self._listed_ids[env].searchsorted(ids[robots:])
@@ -202,30 +216,32 @@ class PhysicsWorld:
         heading = state.pose[..., 2]
         cos, sin = np.cos(heading), np.sin(heading)
         laden = state.held >= 0
-        if laden.any():
-            opened = laden & (gripper == Gripper.OPEN)
-            if opened.any():
+        if np.count_nonzero(laden):
+            opened = laden & (gripper == OPEN)
+            if np.count_nonzero(opened):
                 self._drop(opened, torn=False)
                 laden &= ~opened
             torn = laden & self._torn(cos, sin)
-            if torn.any():
+            if np.count_nonzero(torn):
                 self._drop(torn, torn=True)
         self._deliver()
         waiting = state.pellet_status == ABSENT
-        if waiting.any():
+        if np.count_nonzero(waiting):
             self._refill(waiting)
         self._feel_pellets(cos, sin)
-        takers = (gripper == Gripper.TAKE) & (state.touching >= 0)
-        if takers.any():
+        takers = (gripper == TAKE) & (state.touching >= 0)
+        if np.count_nonzero(takers):
             self._take(takers)
             self._feel_pellets(cos, sin)
 
     def _torn(self, cos: Floats, sin: Floats) -> NDArray[np.bool_]:
         """Return whose pellets are pushed too far out, [envs, robots]; of laden robots only."""
-        state, anchor = self.state, self._anchor
-        pellet = state.pellets[self._env_rows, state.held]
-        dx = cos * anchor[..., 0] - sin * anchor[..., 1] + (state.pose[..., 0] - pellet[..., 0])
-        dy = sin * anchor[..., 0] + cos * anchor[..., 1] + (state.pose[..., 1] - pellet[..., 1])
+        state = self.state
+        # Held is -1 where a robot is not laden, which is some pellet too: its answer is not asked for.
+        pellet = state.pellets.reshape(-1, 2).take(state.held + self._first_pellet, axis=0)
+        apart = state.pose[..., :2] - pellet
+        dx = cos * self._anchor_x - sin * self._anchor_y + apart[..., 0]
+        dy = sin * self._anchor_x + cos * self._anchor_y + apart[..., 1]
         limit = TEAR_DISTANCE * self.arena.pellets.radius
         return np.asarray(dx * dx + dy * dy > limit * limit)
 
@@ -245,7 +261,7 @@ class PhysicsWorld:
         cells = (state.pellets * (1.0 / self.arena.cell_size)).astype(np.intp)
         home = self._home.take(cells[..., 1] * self.arena.columns + cells[..., 0], mode="clip")
         home &= state.pellet_status == LOOSE
-        if not home.any():
+        if not np.count_nonzero(home):
             return
         for env, pellet in np.argwhere(home).tolist():
             robot = int(self._last_holder[env, pellet])
@@ -270,10 +286,10 @@ class PhysicsWorld:
         dx += dy
         np.copyto(dx, np.inf, where=(state.pellet_status != LOOSE)[:, None])
         nearest = dx.argmin(axis=2)
-        felt = dx.min(axis=2) <= self._gripper_reach**2
+        felt = dx.ravel().take(nearest + self._first_distance) <= self._gripper_reach**2
         felt &= state.held < 0
         state.nearest = nearest
-        state.touching = np.where(felt, nearest, -1)
+        state.touching = np.where(felt, nearest, NOBODY)
 
     def _take(self, takers: NDArray[np.bool_]) -> None:
         state = self.state
@@ -281,7 +297,7 @@ class PhysicsWorld:
             pellet = int(state.touching[env, robot])
             if pellet < 0:
                 continue
-            self._anchor[env, robot] = self._spaces[env].grip(robot, pellet)
+            self._anchor_x[env, robot], self._anchor_y[env, robot] = self._spaces[env].grip(robot, pellet)
             state.held[env, robot] = pellet
             state.picked[env, robot] = pellet
             state.pellet_status[env, pellet] = HELD
