@@ -131,9 +131,9 @@ def _places(zones: Zones, cell_size: float, sheets: _Sheets) -> tuple[Places, Pl
         starts = disc_places(
             (zones == start.zone) & passable, wall, cell_size, _CLEAR * outer, _APART * outer, _MOST_STARTS
         )
-    pellets = disc_places(
-        source & passable, wall, cell_size, _CLEAR * radius, _APART * radius, _MOST_PELLET_PLACES
-    )
+    # Where a robot's nose can come, too: pellets along walls would never be taken, and pile up.
+    clear = _CLEAR * max(radius, 0.5 * min(robot.length, robot.width))
+    pellets = disc_places(source & passable, wall, cell_size, clear, _APART * radius, _MOST_PELLET_PLACES)
     mistakes += checks.room_mistakes(robot, sheets.pellets, start, len(starts), len(pellets))
     return starts, pellets, mistakes
 

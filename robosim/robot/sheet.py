@@ -39,7 +39,7 @@ class RobotSheet:
     """Coefficient of friction between wheels and ground."""
     friction: float = 0.3
     """Coefficient of friction of the body's side against walls, robots and pellets."""
-    gripper_reach: float = 0.025
+    gripper_reach: float = 0.04
     """How far beyond contact the gripper at the nose takes a pellet, m."""
     grip_force: float = 2.0
     """Largest force that the gripper holds against, N; a harder pull tears the pellet loose."""

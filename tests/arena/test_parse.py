@@ -165,7 +165,7 @@ MISTAKES = [
         "count = 20",
         "count = 2000",
         (
-            "pellets.count is 2000, but must be at most 63: the source (S) has no room for more pellets of "
+            "pellets.count is 2000, but must be at most 40: the source (S) has no room for more pellets of "
             "radius 0.02 m."
         ),
     ),

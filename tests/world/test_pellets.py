@@ -103,12 +103,12 @@ def gripped(bench, **tables):
 
 def test_a_gripper_takes_what_is_within_its_reach_and_nothing_else(bench) -> None:
     """Within reach: its edge at most `gripper_reach` from the nose."""
-    reach = 0.025
+    reach = 0.04
     for place, taken in [
         ((NOSE + RADIUS + reach - 1e-6, 0.0), True),
         ((NOSE + RADIUS + reach + 1e-6, 0.0), False),
-        ((NOSE + 0.027, 0.036 - 1e-6), True),
-        ((NOSE + 0.027, 0.036 + 1e-6), False),
+        ((NOSE + 0.036, 0.048 - 1e-6), True),
+        ((NOSE + 0.036, 0.048 + 1e-6), False),
         ((-NOSE - RADIUS - 1e-3, 0.0), False),
         ((0.0, NOSE + RADIUS + 1e-3), False),
     ]:
