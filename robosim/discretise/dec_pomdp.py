@@ -22,8 +22,6 @@ BLOCKED_SHARE = 0.25
 """A robot that touches something and makes less than this share of its free motion is blocked."""
 SIGHT = 2.0
 """How far to each side a robot sees a loose pellet, in cells; only the expanded encoding uses it."""
-CLOSER_SHARE = 0.1
-"""Progress toward the goal that counts as closer, as a share of a decision's way at top speed."""
 
 
 class DecPomdp:
@@ -72,7 +70,7 @@ class DecPomdp:
         self._per_sight = 1.0 / (SIGHT * arena.cell_size)
         self._per_farthest = 1.0 / float(arena.distances.raster.max())
         sheet, period = arena.robot, arena.timing.decision_period
-        self._closer_by = CLOSER_SHARE * sheet.top_speed * period
+        self._per_way = 1.0 / (sheet.top_speed * period)
         self._still_way = BLOCKED_SHARE * sheet.top_speed * period
         self._still_turn = BLOCKED_SHARE * sheet.top_turn_rate * period
 
@@ -116,7 +114,7 @@ class DecPomdp:
         progress = np.where(was_laden, gained[..., 0], gained[..., 1])
         reward = rewards(
             self._reward,
-            closer=progress > self._closer_by,
+            progress=progress * self._per_way,
             collided=self.collided,
             laden=was_laden,
             pickups=self._first_pickups(state),

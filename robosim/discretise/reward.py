@@ -13,6 +13,10 @@ REWARD_KINDS: tuple[RewardKind, ...] = ("local", "global")
 Sharing = Literal["copied", "split"]
 
 
+CLOSER_SHARE = 0.1
+"""Progress toward the goal that counts as closer, as a share of a decision's way at top speed."""
+
+
 @dataclass(frozen=True, slots=True)
 class RewardConfig:
     """Signals and weights (the paper's section on the reward function)."""
@@ -24,6 +28,12 @@ class RewardConfig:
 
     The paper says both; `copied` is the default because its clarifying sentence says so ("assigns
     the same reward value to all agents") and because the signal does not shrink with the team.
+    """
+    signed_progress: bool = False
+    """Pay for progress toward the goal by its length, and charge as much for losing ground.
+
+    The paper pays a fixed sum for any decision that brings the robot closer, and nothing for one that takes
+    it away, so a robot that goes to and fro is paid every other decision for nothing.
     """
     distance: float = 2.5
     collision: float = -2.0
@@ -37,7 +47,7 @@ class RewardConfig:
 
 def rewards(
     config: RewardConfig,
-    closer: NDArray[np.bool_],
+    progress: NDArray[np.float64],
     collided: NDArray[np.bool_],
     laden: NDArray[np.bool_],
     pickups: NDArray[np.int64],
@@ -45,7 +55,8 @@ def rewards(
 ) -> NDArray[np.float64]:
     """Return the rewards [envs, robots] of one decision, r = w_d r_d + w_c r_c + w_p r_p + w_s r_s.
 
-    All arguments are [envs, robots]: `closer` to the goal than a decision ago, `collided` with
+    All arguments are [envs, robots]: `progress` toward the goal as a share of a decision's way at top
+    speed, of which `CLOSER_SHARE` counts as closer, `collided` with
     another robot, `laden` before the decision (laden robots are not penalised), first `pickups` of
     pellets, and `deliveries`.
     """
@@ -56,6 +67,7 @@ def rewards(
         team = team.sum(axis=1, keepdims=True)
         if config.sharing == "split":
             team = team / robots
-    own = (config.distance_weight * config.distance) * closer
+    paid = np.clip(progress, -1.0, 1.0) if config.signed_progress else progress > CLOSER_SHARE
+    own = (config.distance_weight * config.distance) * paid
     own = own + (config.collision_weight * config.collision) * (collided & ~laden)
     return np.asarray(team + own)

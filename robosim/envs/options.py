@@ -23,6 +23,8 @@ class EnvOptions(TypedDict, total=False):
     """Whether pickups and deliveries pay their robot alone (`local`) or everyone (`global`)."""
     sharing: Sharing
     """Whether a global reward pays everyone the whole (`copied`) or an equal part (`split`)."""
+    signed_progress: bool
+    """Whether losing ground costs what gaining it pays; the paper pays for gains alone."""
     episode_steps: int | None
     """Decisions in an episode; None: the arena's."""
     pheromone: PheromoneConfig | None

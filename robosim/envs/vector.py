@@ -78,6 +78,7 @@ class VectorEnv:
         stigmergy: bool = True,
         reward: RewardKind = "global",
         sharing: Sharing = "copied",
+        signed_progress: bool = False,
         episode_steps: int | None = None,
         pheromone: PheromoneConfig | None = None,
         autoreset: bool = True,
@@ -85,8 +86,9 @@ class VectorEnv:
         """Read the arena and set up its worlds; nothing runs before `reset`.
 
         `arena` is a name, a file or an arena already read; `seed` one number from which each
-        environment gets its own, or one number for each environment; `reward` and `sharing` are
-        explained in `RewardConfig`; `episode_steps` replaces the arena's length of an episode.
+        environment gets its own, or one number for each environment; `reward`, `sharing` and
+        `signed_progress` are explained in `RewardConfig`; `episode_steps` replaces the arena's length of
+        an episode.
         Raises InputError for values out of range.
         """
         self.arena = arena if isinstance(arena, Arena) else load_arena(arena)
@@ -101,8 +103,10 @@ class VectorEnv:
         _one_of("sharing", sharing, ("copied", "split"))
         _flag("stigmergy", stigmergy)
         _flag("autoreset", autoreset)
-        pheromone = pheromone or PheromoneConfig()
-        self.layout = ObservationLayout(encoding, stigmergy, actions, pheromone.radius)
+        _flag("signed_progress", signed_progress)
+        self.pheromone = pheromone or PheromoneConfig()
+        """Constants of the pheromone map."""
+        self.layout = ObservationLayout(encoding, stigmergy, actions, self.pheromone.radius)
         self.autoreset = autoreset
         self.seeds = self.seeds_from(seed)
         self._world = PhysicsWorld(self.arena, self.robots, self.num_envs, actions)
@@ -111,8 +115,8 @@ class VectorEnv:
             self.robots,
             self.num_envs,
             self.layout,
-            RewardConfig(kind=reward, sharing=sharing),
-            pheromone,
+            RewardConfig(kind=reward, sharing=sharing, signed_progress=signed_progress),
+            self.pheromone,
         )
         self.episode = -1
         """Episodes begun before the current one; -1 before the first reset."""

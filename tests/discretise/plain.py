@@ -37,9 +37,12 @@ def mode_of(zone: int, laden: bool, at_pellet: bool) -> int:
     return GOING_TO_DIG
 
 
-def reward_of(closer: bool, collided: bool, laden: bool, pickups: float, deliveries: float) -> float:
-    """r = w_d r_d + w_c r_c + w_p r_p + w_s r_s with the paper's numbers."""
-    reward = 0.2 * 2.5 if closer else 0.0
+def reward_of(
+    progress: float, collided: bool, laden: bool, pickups: float, deliveries: float, signed: bool = False
+) -> float:
+    """r = w_d r_d + w_c r_c + w_p r_p + w_s r_s with the paper's numbers, `progress` in ways at top speed."""
+    paid = max(-1.0, min(1.0, progress)) if signed else float(progress > 0.1)
+    reward = 0.2 * 2.5 * paid
     if collided and not laden:
         reward += 0.2 * -2.0
     return reward + 0.2 * 50.0 * pickups + 0.4 * 50.0 * deliveries
@@ -158,8 +161,8 @@ class PlainDecPomdp:
             if robot.blocked:
                 robot.shown = COLLISION
             gain = to_home - robot.to_home if was_laden else to_source - robot.to_source
-            closer = gain > 0.1 * top * period
-            rewards.append(reward_of(closer, robot.collided, was_laden, pickups[index], deliveries[index]))
+            signals = robot.collided, was_laden, pickups[index], deliveries[index]
+            rewards.append(reward_of(gain / (top * period), *signals, self.run.signed_progress))
         self.map.update([(robot.cell, robot.shown, robot.laden, robot.action) for robot in self.robots])
         return rewards
 

@@ -70,6 +70,7 @@ class Run:
     num_envs: int
     reward: str
     sharing: str
+    signed_progress: bool
     start: Moment
     moments: list[Moment] = field(default_factory=list)
 
@@ -147,6 +148,10 @@ RUNS: dict[str, tuple[Any, int, float, dict[str, Any]]] = {
         lambda: parse_arena(TINY, "tiny.toml"), 200, 0.3,
         {"robots": 3, "num_envs": 3, "pheromone": PheromoneConfig(radius=6, diffusion=0.0)},
     ),
+    "signed": (
+        lambda: parse_arena(TINY, "tiny.toml"), 150, 0.3,
+        {"robots": 3, "reward": "local", "signed_progress": True},
+    ),
     "wheels": (lambda: parse_arena(TINY, "tiny.toml"), 150, 0.0, {"robots": 1, "actions": "wheels"}),
     "full house": (lambda: load_arena("paper"), 25, 0.2, {"robots": 35, "stigmergy": False}),
 }  # fmt: skip
@@ -161,5 +166,6 @@ def recorded(name: str) -> Run:
         "pheromone": options.get("pheromone", PheromoneConfig()),
         "reward": options.get("reward", "global"),
         "sharing": options.get("sharing", "copied"),
+        "signed_progress": options.get("signed_progress", False),
     }
     return _record(env, steps, carelessness, **described)

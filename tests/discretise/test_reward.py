@@ -10,6 +10,7 @@ from tests.discretise.plain import reward_of
 from tests.discretise.recorded import RUNS, recorded
 
 YES, NO = np.array([[True]]), np.array([[False]])
+FULL, LITTLE, BACK, STILL = (np.array([[way]]) for way in (1.0, 0.11, -1.0, 0.1))
 NONE, ONE = np.array([[0]]), np.array([[1]])
 
 
@@ -17,32 +18,49 @@ NONE, ONE = np.array([[0]]), np.array([[1]])
     ("signal", "value"),
     [
         ({}, 0.0),
-        ({"closer": YES}, 0.2 * 2.5),
+        ({"progress": FULL}, 0.2 * 2.5),
+        ({"progress": LITTLE}, 0.2 * 2.5),
+        ({"progress": BACK}, 0.0),
         ({"collided": YES}, 0.2 * -2.0),
         ({"collided": YES, "laden": YES}, 0.0),
-        ({"closer": YES, "laden": YES}, 0.2 * 2.5),
+        ({"progress": FULL, "laden": YES}, 0.2 * 2.5),
         ({"pickups": ONE}, 0.2 * 50.0),
         ({"deliveries": ONE}, 0.4 * 50.0),
-        ({"closer": YES, "collided": YES, "pickups": ONE, "deliveries": ONE}, 0.5 - 0.4 + 10.0 + 20.0),
+        ({"progress": FULL, "collided": YES, "pickups": ONE, "deliveries": ONE}, 0.5 - 0.4 + 10.0 + 20.0),
     ],
 )
 def test_the_four_signals_have_the_papers_values_and_weights(
     signal: dict[str, np.ndarray], value: float
 ) -> None:
-    nothing = {"closer": NO, "collided": NO, "laden": NO, "pickups": NONE, "deliveries": NONE}
+    nothing = {"progress": STILL, "collided": NO, "laden": NO, "pickups": NONE, "deliveries": NONE}
     assert rewards(RewardConfig(), **(nothing | signal)).tolist() == [[pytest.approx(value)]]
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from(["local", "global"]), st.sampled_from(["copied", "split"]))
+def test_signed_progress_pays_by_length_and_to_and_fro_earns_nothing() -> None:
+    ways = np.array([[1.0, -1.0, 0.5, -0.25, 0.0, 7.0, -7.0]])
+    none, no = np.zeros(ways.shape, dtype=np.int64), np.zeros(ways.shape, dtype=np.bool_)
+    config = RewardConfig(signed_progress=True)
+    paid = rewards(config, ways, no, no, none, none)
+    assert paid[0].tolist() == pytest.approx([0.5, -0.5, 0.25, -0.125, 0.0, 0.5, -0.5])
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(["local", "global"]),
+    st.sampled_from(["copied", "split"]),
+    st.booleans(),
+)
 def test_a_batch_is_what_loops_say(
-    seed: int, kind: Literal["local", "global"], sharing: Literal["copied", "split"]
+    seed: int, kind: Literal["local", "global"], sharing: Literal["copied", "split"], signed: bool
 ) -> None:
     rng = np.random.default_rng(seed)
     envs, robots = 3, int(rng.integers(1, 9))
-    closer, collided, laden = rng.random((3, envs, robots)) < 0.5
+    progress = rng.normal(0.0, 0.5, (envs, robots))
+    collided, laden = rng.random((2, envs, robots)) < 0.5
     pickups = rng.integers(0, 2, (envs, robots))
     deliveries = rng.integers(0, 4, (envs, robots))
-    got = rewards(RewardConfig(kind=kind, sharing=sharing), closer, collided, laden, pickups, deliveries)
+    config = RewardConfig(kind=kind, sharing=sharing, signed_progress=signed)
+    got = rewards(config, progress, collided, laden, pickups, deliveries)
     for env in range(envs):
         for robot in range(robots):
             if kind == "local":
@@ -51,19 +69,20 @@ def test_a_batch_is_what_loops_say(
                 divisor = robots if sharing == "split" else 1
                 picked = sum(pickups[env].tolist()) / divisor
                 dumped = sum(deliveries[env].tolist()) / divisor
-            alone = closer[env, robot], collided[env, robot], laden[env, robot]
-            assert got[env, robot] == pytest.approx(reward_of(*alone, picked, dumped), abs=1e-12)
+            alone = progress[env, robot], collided[env, robot], laden[env, robot]
+            assert got[env, robot] == pytest.approx(reward_of(*alone, picked, dumped, signed), abs=1e-12)
 
 
 def test_a_shared_reward_stays_within_its_environment() -> None:
     pickups = np.array([[1, 0, 0], [0, 0, 0]])
     no = np.zeros((2, 3), dtype=np.bool_)
     none = np.zeros((2, 3), dtype=np.int64)
-    copied = rewards(RewardConfig(kind="global", sharing="copied"), no, no, no, pickups, none)
+    still = np.zeros((2, 3))
+    copied = rewards(RewardConfig(kind="global", sharing="copied"), still, no, no, pickups, none)
     assert copied.tolist() == [[10.0, 10.0, 10.0], [0.0, 0.0, 0.0]]
-    split = rewards(RewardConfig(kind="global", sharing="split"), no, no, no, pickups, none)
+    split = rewards(RewardConfig(kind="global", sharing="split"), still, no, no, pickups, none)
     assert split.tolist() == [[10.0 / 3] * 3, [0.0] * 3]
-    local = rewards(RewardConfig(kind="local"), no, no, no, pickups, none)
+    local = rewards(RewardConfig(kind="local"), still, no, no, pickups, none)
     assert local.tolist() == [[10.0, 0.0, 0.0], [0.0] * 3]
 
 
@@ -115,7 +134,7 @@ def _penalised(run, env: int, index: int) -> int:
     return int((run.moments[index].collided[env] & (_before(run, index).held[env] < 0)).sum())
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", sorted(RUNS.keys() - {"signed"}))
 def test_nobody_is_fined_for_standing_or_while_laden(name: str) -> None:
     """The least reward is the fine, and it falls on nobody who stood still or carried a pellet."""
     run = recorded(name)
