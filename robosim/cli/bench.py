@@ -1,17 +1,20 @@
-"""`robosim bench`: what a decision costs on this machine, against bare `Space.step`."""
+"""`robosim bench`: what decisions and updates cost on this machine, against their bare work."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Measure the simulator's speed, as ratios against bare physics in the same run."""
+    """Measure the speed of simulator and learner against bare physics and bare matrix products."""
 
     decisions: int = 400
     """Joint decisions that each repeat of a single environment times."""
+    updates: int = 200
+    """Updates of the learner that each case times."""
     json: Path | None = None
     """File to write the figures to."""
 
@@ -20,34 +23,68 @@ class Bench:
         import json
         import platform
 
-        from robosim.analysis.benchmark import Cost, measure
         from robosim.errors import InputError
         from robosim.files import require_writable, write_whole
 
-        if not 1 <= self.decisions <= 100_000:
-            raise InputError(f"--decisions is {self.decisions}; allowed are whole numbers from 1 to 100000.")
+        for name, value in (("decisions", self.decisions), ("updates", self.updates)):
+            if not 1 <= value <= 100_000:
+                raise InputError(f"--{name} is {value}; allowed are whole numbers from 1 to 100000.")
         if self.json is not None:
             require_writable(self.json)
-        print("arena paper, traffic of `lanes`, processor time of one thread, median of three repeats")
-        print("robots  envs  pellets   joint/s   robot-decisions/s   in Space.step   cost / floor")
-        costs: list[Cost] = []
-        for cost in measure(self.decisions):
-            costs.append(cost)
-            print(
-                f"{cost.robots:6d}{cost.envs:6d}{cost.pellets:9d}{cost.joint_decisions_per_second:10.0f}"
-                f"{cost.robot_decisions_per_second:20.0f}{cost.floor_share:15.0%}{cost.ratio:15.2f}",
-                flush=True,
-            )
-        alone = {(cost.robots, cost.envs): cost for cost in costs if cost.pellets}
-        for envs in (1, 16):
-            many, few = alone[32, envs], alone[8, envs]
-            times = few.robot_decisions_per_second / many.robot_decisions_per_second
-            print(f"with pellets, {envs} envs: a robot-decision of 32 costs {times:.2f} times one of 8")
+        record = {
+            "machine": platform.processor() or platform.machine(),
+            "python": platform.python_version(),
+            "cases": _measure_decisions(self.decisions),
+            "learner": _measure_updates(self.updates),
+        }
         if self.json is not None:
-            record = {
-                "machine": platform.processor() or platform.machine(),
-                "python": platform.python_version(),
-                "cases": [cost.as_record() for cost in costs],
-            }
             write_whole(self.json, json.dumps(record, indent=2) + "\n")
             print(f"written: {self.json}")
+
+
+def _measure_decisions(decisions: int) -> list[dict[str, Any]]:
+    from robosim.analysis.benchmark import Cost, measure
+
+    print("arena paper, traffic of `lanes`, processor time of one thread, median of three repeats")
+    print("robots  envs  pellets   joint/s   robot-decisions/s   in Space.step   cost / floor")
+    costs: list[Cost] = []
+    for cost in measure(decisions):
+        costs.append(cost)
+        print(
+            f"{cost.robots:6d}{cost.envs:6d}{cost.pellets:9d}{cost.joint_decisions_per_second:10.0f}"
+            f"{cost.robot_decisions_per_second:20.0f}{cost.floor_share:15.0%}{cost.ratio:15.2f}",
+            flush=True,
+        )
+    alone = {(cost.robots, cost.envs): cost for cost in costs if cost.pellets}
+    for envs in (1, 16):
+        many, few = alone[32, envs], alone[8, envs]
+        times = few.robot_decisions_per_second / many.robot_decisions_per_second
+        print(f"with pellets, {envs} envs: a robot-decision of 32 costs {times:.2f} times one of 8")
+    return [cost.as_record() for cost in costs]
+
+
+def _measure_updates(updates: int) -> dict[str, Any]:
+    from robosim.learning.benchmark import TEAM, compare_with_stable_baselines3, measure_updates
+
+    widths = "-".join(map(str, (TEAM.inputs, *TEAM.hidden, TEAM.outputs)))
+    print()
+    print(f"learner: {TEAM.robots} networks {widths}, processor time of one thread, median of turns")
+    print("batch   precision   update us   products us   cost / products   cost / robots one by one")
+    records = []
+    for cost in measure_updates(updates):
+        records.append(cost.as_record())
+        print(
+            f"{cost.batch_size:5d}   {cost.precision:<9}{cost.seconds * 1e6:12.0f}"
+            f"{cost.products_seconds * 1e6:14.0f}{cost.ratio:18.2f}{cost.team_share:27.2f}",
+            flush=True,
+        )
+    other = compare_with_stable_baselines3(updates)
+    if other is None:
+        print("stable-baselines3 is not installed: no comparison with its DQN")
+    else:
+        print(
+            f"batch {other.batch_size}: {other.robot_updates_per_second:.0f} robot-updates/s, "
+            f"{other.ratio:.1f} times the {other.other_updates_per_second:.0f} of DQN in "
+            f"stable-baselines3 {other.version}"
+        )
+    return {"updates": records, "stable_baselines3": other and other.as_record()}

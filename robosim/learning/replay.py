@@ -2,44 +2,66 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from robosim.errors import InputError
+from robosim.learning.networks import CPU
 
-class Batch(NamedTuple):
-    """Transitions drawn from the replay."""
 
-    observations: Tensor
-    """[robots, 2 * batch, size]: even rows are observations, odd rows what followed each."""
-    actions: Tensor
-    """[robots, batch, 1], int64."""
-    rewards: Tensor
-    """[robots, batch]."""
+class Batch:
+    """Transitions of some robots, drawn from the replay into memory reserved once."""
+
+    def __init__(self, pairs: Tensor, numbers: Tensor, actions: Tensor) -> None:
+        self.pairs = pairs
+        """[2, robots, transitions, size]: observations, and what followed each."""
+        self.numbers = numbers
+        """[2, robots, transitions, 1]: actions and rewards."""
+        self.observations, self.successors = pairs
+        """[robots, transitions, size] each."""
+        self.actions = actions
+        """[robots, transitions, 1], int64."""
+        self.rewards = numbers[1]
+        """[robots, transitions, 1]."""
+
+    @classmethod
+    def reserve(cls, robots: int, transitions: int, size: int, device: torch.device = CPU) -> Batch:
+        """Return memory for so many transitions of each robot, with observations of `size` numbers."""
+        return cls(
+            torch.zeros(2, robots, transitions, size, device=device),
+            torch.zeros(2, robots, transitions, 1, device=device),
+            torch.zeros(robots, transitions, 1, dtype=torch.int64, device=device),
+        )
+
+    def part(self, robots: slice) -> Batch:
+        """Return views of what belongs to those robots."""
+        return Batch(self.pairs[:, robots], self.numbers[:, robots], self.actions[robots])
 
 
 class Replay:
     """Ring of the latest `capacity` transitions of every robot.
 
-    It takes `robots * capacity * (8 * size + 12)` bytes, reserved at once and touched as it fills.
-    An observation and its successor lie side by side in one row, so that one flat `index_select`
-    fetches both, and one pass of the network serves both.
+    It takes `robots * capacity * 8 * (size + 1)` bytes, reserved at once and touched as it fills.
     """
 
-    def __init__(self, robots: int, capacity: int, size: int) -> None:
+    def __init__(self, robots: int, capacity: int, size: int, device: torch.device = CPU) -> None:
         self.capacity = capacity
-        self.length = 0
+        self.added = 0
+        """Transitions ever added of each robot; number k lies at place k % capacity."""
+        # An observation and its successor lie side by side, an action and its reward too: a transition is
+        # fetched from two places of the memory, not four.
+        self._pairs = _reserve((robots, capacity, 2, size), device)
+        self._numbers = _reserve((robots, capacity, 2, 1), device)
+        self._first_rows = np.arange(2)[:, None, None] + 2 * capacity * np.arange(robots)[:, None]
+
+    @property
+    def length(self) -> int:
         """Transitions held of each robot."""
-        self._next = 0
-        self._robots = robots
-        self._size = size
-        self._observations = torch.empty(robots * capacity, 2 * size)
-        self._actions = torch.empty(robots * capacity, dtype=torch.int64)
-        self._rewards = torch.empty(robots * capacity)
-        self._offsets = np.arange(robots, dtype=np.int64)[:, None] * capacity
+        return min(self.added, self.capacity)
 
     def add(
         self,
@@ -52,22 +74,82 @@ class Replay:
 
         `observations` and `successors` are [envs, robots, size], `actions` and `rewards` [envs, robots].
         """
-        envs = len(observations)
-        places = (self._next + np.arange(envs)) % self.capacity
-        rows = torch.from_numpy((places[:, None] + self._offsets[:, 0]).ravel())
-        pairs = np.concatenate((observations, successors), axis=-1).reshape(-1, 2 * self._size)
-        self._observations.index_copy_(0, rows, torch.from_numpy(pairs))
-        self._actions.index_copy_(0, rows, torch.from_numpy(actions.reshape(-1)))
-        self._rewards.index_copy_(0, rows, torch.from_numpy(rewards.reshape(-1)))
-        self._next = int(places[-1] + 1) % self.capacity
-        self.length = min(self.length + envs, self.capacity)
+        pairs = np.stack((observations, successors), axis=2)
+        numbers = np.stack((actions, rewards), axis=2, dtype=np.float32, casting="same_kind")[..., None]
+        self._store(torch.from_numpy(pairs).transpose(0, 1), torch.from_numpy(numbers).transpose(0, 1))
 
-    def sample(self, batch: int, rng: np.random.Generator) -> Batch:
-        """Draw `batch` transitions of each robot, uniformly and independently, with replacement."""
-        drawn = rng.integers(self.length, size=(self._robots, batch)) + self._offsets
-        rows = torch.from_numpy(drawn.ravel())
-        return Batch(
-            self._observations.index_select(0, rows).view(self._robots, 2 * batch, self._size),
-            self._actions.index_select(0, rows).view(self._robots, batch, 1),
-            self._rewards.index_select(0, rows).view(self._robots, batch),
-        )
+    def sample(self, rng: np.random.Generator, batch: Batch) -> None:
+        """Fill `batch` with transitions of each robot, drawn uniformly, independently, with replacement.
+
+        ValueError while there are none.
+        """
+        if not self.added:
+            raise ValueError("the replay is empty")
+        # `Generator.integers` takes twice as long for so few numbers.
+        places = (rng.random(batch.rewards.shape[:2]) * self.length).astype(np.int64)
+        rows = torch.from_numpy((2 * places + self._first_rows).ravel()).to(self._pairs.device)
+        for table, into in ((self._pairs, batch.pairs), (self._numbers, batch.numbers)):
+            torch.index_select(table.flatten(0, 2), 0, rows, out=into.flatten(0, 2))
+        batch.actions.copy_(batch.numbers[0])
+
+    def export(self, first: int, last: int) -> dict[str, Tensor]:
+        """Return copies, on the CPU, of the transitions number `first` to `last - 1`.
+
+        `observations` and `successors` are [robots, transitions, size], `actions` and `rewards`
+        [robots, transitions]. ValueError unless the replay still holds them all.
+        """
+        oldest = self.added - self.length
+        if not oldest <= first <= last <= self.added:
+            raise ValueError(
+                f"transitions {first} to {last} are asked for; held are {oldest} to {self.added}"
+            )
+        places = torch.arange(first, last, device=self._pairs.device) % self.capacity
+        pairs, numbers = self._pairs[:, places].cpu(), self._numbers[:, places].cpu()
+        return {
+            "observations": pairs[:, :, 0].contiguous(),
+            "successors": pairs[:, :, 1].contiguous(),
+            "actions": numbers[:, :, 0, 0].long(),
+            "rewards": numbers[:, :, 1, 0].contiguous(),
+        }
+
+    def restore(self, first: int, parts: Iterable[Mapping[str, Tensor]]) -> None:
+        """Take back what `export` returned: transitions number `first` and on, in parts one after another.
+
+        Afterwards the replay samples as the one that they came from. What has been overwritten since may
+        be left out. InputError when a part does not fit this replay, or the parts hold too little.
+        """
+        robots, _, _, size = self._pairs.shape
+        self.added = first
+        for part in parts:
+            shapes = {name: tuple(tensor.shape) for name, tensor in part.items()}
+            count = (*shapes.get("rewards", ()), 0, 0)[1]
+            each = (robots, count)
+            pair = (*each, size)
+            fits = {"observations": pair, "successors": pair, "actions": each, "rewards": each}
+            if shapes != fits:
+                raise InputError(f"the replay's transitions have the shapes {shapes}: they must be {fits}.")
+            pairs = torch.stack((part["observations"], part["successors"]), dim=2)
+            numbers = torch.stack((part["actions"].float(), part["rewards"]), dim=2)
+            self._store(pairs, numbers[..., None])
+        oldest = self.added - self.length
+        if first > oldest:
+            raise InputError(f"the replay's transitions start at number {first}: {oldest} is needed.")
+
+    def _store(self, pairs: Tensor, numbers: Tensor) -> None:
+        """Write transitions [robots, count, 2, size] and [robots, count, 2, 1] behind the latest."""
+        count = numbers.shape[1]
+        done = max(0, count - self.capacity)
+        while done < count:
+            place = (self.added + done) % self.capacity
+            run = min(count - done, self.capacity - place)
+            self._pairs[:, place : place + run] = pairs[:, done : done + run]
+            self._numbers[:, place : place + run] = numbers[:, done : done + run]
+            done += run
+        self.added += count
+
+
+def _reserve(shape: tuple[int, ...], device: torch.device) -> Tensor:
+    if device != CPU:
+        return torch.empty(shape, device=device)
+    # NumPy asks for huge pages; without them, half the time of drawing goes into finding the pages.
+    return torch.from_numpy(np.empty(shape, np.float32))

@@ -1,16 +1,20 @@
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
-from robosim.learning.dqn import DqnSettings, StackedDoubleDQN
+from robosim.errors import InputError
+from robosim.learning.dqn import DqnSettings, StackedDoubleDQN, has_bfloat16
 from robosim.learning.networks import NetworkShape
 
 SHAPE = NetworkShape(robots=3, inputs=6, hidden=(16, 16, 16), outputs=5)
 SETTINGS = DqnSettings(discount=0.9, batch_size=8, target_interval=3, replay_capacity=50, reward_scale=0.5)
 
 
-def filled(shape=SHAPE, seed=0, reward_of_last=1.0):
-    learner = StackedDoubleDQN(shape, SETTINGS, np.random.SeedSequence(seed))
+def filled(shape=SHAPE, settings=SETTINGS, seed=0, reward_of_last=1.0, device="cpu", precision="float32"):
+    learner = StackedDoubleDQN(shape, settings, np.random.SeedSequence(seed), device, precision)
     rng = np.random.default_rng(7)
     for _ in range(20):
         observation, successor = rng.random((2, 2, shape.robots, shape.inputs), np.float32)
@@ -33,28 +37,22 @@ def linear_networks(parameters):
     return networks
 
 
-def test_updates_equal_plain_double_dqn_with_autograd():
-    learner = filled()
+@pytest.mark.parametrize("batch_size", [8, 500, 1500])
+def test_updates_equal_plain_double_dqn_with_autograd(batch_size):
+    """Whether the robots are taken all together, two and one, or one by one."""
+    learner = filled(settings=replace(SETTINGS, batch_size=batch_size))
+    assert len(learner._blocks) == {8: 1, 500: 2, 1500: 3}[batch_size]
     online, target = linear_networks(learner.parameters), linear_networks(learner.target)
     optimisers = [torch.optim.Adam(network.parameters(), lr=1e-3) for network in online]
-    draws = []
-    sample = learner.replay.sample
-
-    def recorded(batch, rng):
-        drawn = sample(batch, rng)
-        draws.append([part.numpy().copy() for part in drawn])
-        return drawn
-
-    learner.replay.sample = recorded
     for update in range(1, 8):
         learner.update(1e-3)
-        observations, actions, rewards = map(torch.from_numpy, draws[-1])
+        drawn = learner._batch
         for robot in range(SHAPE.robots):
-            now, after = observations[robot, 0::2], observations[robot, 1::2]
+            now, after = drawn.observations[robot], drawn.successors[robot]
             with torch.no_grad():
                 best = online[robot](after).argmax(dim=1, keepdim=True)
-                goal = 0.5 * rewards[robot] + 0.9 * target[robot](after).gather(1, best)[:, 0]
-            loss = (online[robot](now).gather(1, actions[robot])[:, 0] - goal).square().mean()
+                goal = 0.5 * drawn.rewards[robot] + 0.9 * target[robot](after).gather(1, best)
+            loss = (online[robot](now).gather(1, drawn.actions[robot]) - goal).square().mean()
             assert float(learner.loss()[robot]) == pytest.approx(loss.item(), rel=1e-3)
             optimisers[robot].zero_grad()
             loss.backward()
@@ -112,3 +110,105 @@ def test_an_update_leaves_subnormal_numbers_to_others():
     smallest = np.array([np.finfo(np.float32).smallest_subnormal])
     assert (smallest * np.float32(1.0))[0] > 0.0
     assert (torch.from_numpy(smallest) * 1.0).item() > 0.0
+
+
+def test_a_restored_learner_goes_on_in_the_same_bits():
+    whole, first, rest = filled(seed=1), filled(seed=1), filled(seed=2)
+    observation = np.random.default_rng(0).random((4, 3, 6), np.float32)
+
+    def train(learner):
+        for _ in range(50):
+            learner.act(observation, 0.5)
+            learner.update(1e-3)
+
+    train(whole)
+    train(first)
+    held = first.state(), json.loads(json.dumps(first.counters()))
+    train(first)  # what it does further must not show in the state it has handed out
+    rest.restore(*held)
+    assert rest.updates == 50
+    assert (rest.loss() == whole.loss()).all()
+    train(whole)
+    train(rest)
+    for name, tensor in whole.state().items():
+        assert torch.equal(tensor, rest.state()[name]), name
+    assert whole.counters() == rest.counters()
+    assert (whole.act(observation, 0.5) == rest.act(observation, 0.5)).all()
+
+
+def test_a_state_that_does_not_fit_is_refused():
+    learner = filled()
+    state, counters = learner.state(), learner.counters()
+    other = filled(NetworkShape(robots=3, inputs=6, hidden=(16, 16, 8), outputs=5))
+    with pytest.raises(InputError, match=r"layer2.weight has the shape \(3, 16, 16\)"):
+        other.restore(state, counters)
+    with pytest.raises(InputError, match="no step"):
+        learner.restore({}, counters)
+    for wrong in ({}, counters | {"draw": {}}, counters | {"explore": 3}):
+        with pytest.raises(InputError, match="counters"):
+            learner.restore(state, wrong)
+
+
+def test_loaded_parameters_reach_the_target_network():
+    learner, policy = filled(seed=1), filled(NetworkShape(2, 6, (16, 16, 16), 5), seed=2)
+    learner.load_parameters(policy.parameters.to_numpy(), first_robot=1)
+    assert torch.equal(learner.target.flat, learner.parameters.flat)
+    assert torch.equal(learner.parameters.weights[0][1:], policy.parameters.weights[0])
+    assert torch.equal(learner.parameters.weights[0][:1], filled(seed=1).parameters.weights[0][:1])
+
+
+@pytest.mark.parametrize("device", ["tpu", "cuda:97", "cuda:x", "meta"])
+def test_a_device_that_is_not_there_is_refused(device):
+    with pytest.raises(InputError, match=f"device is '{device}': "):
+        StackedDoubleDQN(SHAPE, SETTINGS, np.random.SeedSequence(0), device=device)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
+def test_a_gpu_learns_what_the_processor_learns():
+    learners = [filled(seed=3), filled(seed=3, device="cuda")]
+    observation = np.random.default_rng(0).random((4, 3, 6), np.float32)
+    for _ in range(10):
+        for learner in learners:
+            learner.update(1e-3)
+    cpu, gpu = learners
+    assert (cpu.act(observation, 0.0) == gpu.act(observation, 0.0)).all()
+    assert cpu.counters() == gpu.counters()
+    np.testing.assert_allclose(cpu.loss(), gpu.loss(), rtol=1e-3)
+    for name, tensor in cpu.state().items():
+        torch.testing.assert_close(tensor, gpu.state()[name], rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("precision", ["float16", "double"])
+def test_an_unknown_precision_is_refused(precision):
+    with pytest.raises(InputError, match=f"precision is '{precision}': it must be float32 or bfloat16"):
+        filled(precision=precision)
+
+
+@pytest.mark.skipif(has_bfloat16(), reason="this processor has units for bfloat16")
+def test_bfloat16_is_refused_where_there_are_no_units_for_it():
+    with pytest.raises(InputError, match="precision is 'bfloat16': this processor has no units for it"):
+        filled(precision="bfloat16")
+
+
+@pytest.mark.skipif(not has_bfloat16(), reason="this processor has no units for bfloat16")
+def test_bfloat16_updates_are_near_those_of_float32_and_equal_from_run_to_run():
+    shape, settings = replace(SHAPE, hidden=(64, 64)), replace(SETTINGS, batch_size=32)
+    exact, half, again = (
+        filled(shape, settings, precision=precision) for precision in ("float32", "bfloat16", "bfloat16")
+    )
+    start = exact.parameters.flat.clone()
+    for _ in range(20):
+        for learner in (exact, half, again):
+            learner.update(1e-3)
+    assert torch.equal(half.parameters.flat, again.parameters.flat)
+    assert not torch.equal(half.parameters.flat, exact.parameters.flat)
+    moved = (exact.parameters.flat - start).norm()
+    assert (half.parameters.flat - exact.parameters.flat).norm() < 0.2 * moved
+    np.testing.assert_allclose(half.loss(), exact.loss(), rtol=0.05)
+
+
+@pytest.mark.skipif(not has_bfloat16(), reason="this processor has no units for bfloat16")
+def test_an_update_leaves_the_precision_of_products_to_others():
+    before = torch.get_float32_matmul_precision()
+    filled(precision="bfloat16").update(1e-3)
+    assert torch.get_float32_matmul_precision() == before
