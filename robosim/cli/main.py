@@ -21,6 +21,7 @@ from robosim.cli.bench import Bench
 from robosim.cli.demo import Demo
 from robosim.cli.evaluate import Evaluate
 from robosim.cli.play import Play
+from robosim.cli.policy import Policy
 from robosim.cli.train import Train
 from robosim.errors import InputError
 
@@ -34,6 +35,7 @@ Subcommand = (
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Play, tyro.conf.subcommand("play")]
+    | Annotated[Policy, tyro.conf.subcommand("policy")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
 )
 """A parsed command line, ready to run."""

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from robosim.arena.model import Arena
 from robosim.arena.schema import RobotSection, TimingSection
+from robosim.discretise.pheromone import PheromoneConfig
 from robosim.errors import InputError
+
+if TYPE_CHECKING:
+    from robosim.envs.vector import VectorEnv
 
 FORMAT_VERSION = 1
 """Raised when a card's meaning changes; a reader refuses the versions that it does not know."""
@@ -35,6 +43,7 @@ class TechniqueCard(_Record):
     global_reward: bool
     stigmergy: bool
     curriculum: bool
+    signed_progress: bool = False
 
 
 class ArenaCard(_Record):
@@ -47,18 +56,64 @@ class ArenaCard(_Record):
     """m."""
 
 
+class PheromoneCard(_Record):
+    """Constants of the pheromone map, as in `PheromoneConfig`, which checks them."""
+
+    decay: float = PheromoneConfig().decay
+    reinforcement: float = PheromoneConfig().reinforcement
+    initial: float = PheromoneConfig().initial
+    diffusion: float = PheromoneConfig().diffusion
+    radius: int = PheromoneConfig().radius
+
+    @property
+    def config(self) -> PheromoneConfig:
+        """The constants; InputError for values out of range."""
+        return PheromoneConfig(**self.model_dump())
+
+
 class ObservationCard(_Record):
     """What a robot's observation holds, in order."""
 
     encoding: Literal["paper", "expanded"]
     stigmergy: bool
     names: tuple[Text, ...] = Field(min_length=1, max_length=100_000)
+    pheromone: PheromoneCard = PheromoneCard()
 
 
 class NetworkCard(_Record):
     """Shape of each robot's network: ReLU after every layer but the last."""
 
     hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(min_length=1, max_length=8)
+    precision: Literal["float32", "float16"] | None = None
+    """Of the weights as stored; None where the card does not say. They are computed with in float32."""
+    of_robot: tuple[Count, ...] = ()
+    """[robots] which of the stored networks each robot runs, so that equal ones are stored once; empty for
+    each its own."""
+
+    @property
+    def stored(self) -> int:
+        """Networks in the file when `of_robot` is given; 0 otherwise."""
+        return len(set(self.of_robot))
+
+    @model_validator(mode="after")
+    def _check_networks(self) -> Self:
+        if sorted(set(self.of_robot)) != list(range(self.stored)):
+            raise ValueError("of_robot must name every stored network, counted from 0")
+        return self
+
+
+class StageCard(_Record):
+    """A part of the training in which the same robots learned."""
+
+    name: Text
+    robots: int = Field(ge=1)
+    """In the tunnel."""
+    learning: Count
+    """How many of them learned; the others were frozen."""
+    steps: Count
+    """Joint decisions."""
+    ended: Literal["steady", "budget"]
+    """Whether the stage ended because its return no longer grew, or with its share of the decisions."""
 
 
 class TrainingCard(_Record):
@@ -72,6 +127,8 @@ class TrainingCard(_Record):
     """s."""
     versions: dict[Text, Text]
     """Of the packages that computed it."""
+    stages: tuple[StageCard, ...] = Field(default=(), max_length=2000)
+    """Of a curriculum, in their order; empty where there was none."""
 
 
 class Evaluation(_Record):
@@ -112,6 +169,16 @@ class Evaluation(_Record):
         """Pellets per episode that each robot delivered, mean over episodes."""
         return tuple(sum(robot) / self.episodes for robot in zip(*self.delivered, strict=True))
 
+    @model_validator(mode="after")
+    def _check_sizes(self) -> Self:
+        if any(len(episode) != self.robots for episode in self.delivered):
+            raise ValueError(
+                f"delivered must hold {self.robots} numbers, one for each robot, in each episode"
+            )
+        if len(self.collisions) != self.episodes:
+            raise ValueError(f"collisions must hold {self.episodes} numbers, one for each episode")
+        return self
+
 
 class PolicyCard(_Record):
     """All that must be known to run a policy, and where it comes from."""
@@ -129,11 +196,66 @@ class PolicyCard(_Record):
     timing: TimingSection
     training: TrainingCard
     evaluation: Evaluation | None = None
+    reference: Evaluation | None = None
+    """Of the scripted controller `lanes`, over the same episodes."""
+    notes: Text = ""
+    """What the policy fails at, in a sentence or two."""
+
+    @property
+    def networks(self) -> int:
+        """Networks in the file: one for each robot, or fewer where robots run equal ones."""
+        return self.network.stored or self.robots
+
+    @property
+    def share(self) -> float | None:
+        """Pellets per episode relative to the reference's; None without both evaluations or if that is 0."""
+        if self.evaluation is None or self.reference is None or self.reference.mean == 0.0:
+            return None
+        return self.evaluation.mean / self.reference.mean
+
+    @model_validator(mode="after")
+    def _check_team(self) -> Self:
+        if self.network.of_robot and len(self.network.of_robot) != self.robots:
+            raise ValueError(f"network.of_robot must hold {self.robots} numbers, one for each robot")
+        return self
 
     @property
     def layers(self) -> tuple[tuple[int, int], ...]:
         """(inputs, outputs) of each layer of a robot's network."""
         return tuple(pairwise((len(self.observation.names), *self.network.hidden, self.num_actions)))
+
+
+def card_for(
+    env: VectorEnv,
+    weights: Mapping[str, NDArray[np.floating]],
+    technique: TechniqueCard,
+    training: TrainingCard,
+) -> PolicyCard:
+    """Return the card of a team that learned in `env`.
+
+    `weights` are `layer0.weight` [networks, in, out], `layer0.bias` [networks, out] and so on: a network for
+    each robot, or one that all robots run.
+    """
+    layers, networks = len(weights) // 2, len(weights["layer0.weight"])
+    hidden = tuple(weights[f"layer{layer}.bias"].shape[1] for layer in range(layers - 1))
+    shared = networks == 1 < env.robots
+    return PolicyCard(
+        robots=env.robots if shared else networks,
+        technique=technique,
+        arena=arena_card(env.arena),
+        observation=ObservationCard(
+            encoding=env.layout.encoding,
+            stigmergy=env.layout.stigmergy,
+            names=env.layout.names,
+            pheromone=PheromoneCard(**asdict(env.pheromone)),
+        ),
+        actions=env.layout.actions,
+        num_actions=env.num_actions,
+        network=NetworkCard(hidden=hidden, of_robot=(0,) * env.robots if shared else ()),
+        robot=RobotSection(**asdict(env.arena.robot)),
+        timing=TimingSection(**asdict(env.arena.timing)),
+        training=training,
+    )
 
 
 def arena_card(arena: Arena) -> ArenaCard:
@@ -160,8 +282,8 @@ def read_card(path: Path) -> PolicyCard:
         return PolicyCard.model_validate_json(data)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise InputError(f"{path}: {place}: {_reason(first['msg'], first['input'])}.") from None
+        places = (str(path), ".".join(map(str, first["loc"])), _reason(first["msg"], first["input"]))
+        raise InputError(f"{': '.join(filter(None, places))}.") from None
 
 
 def read_limited(path: Path, most: int) -> bytes:
@@ -183,5 +305,6 @@ def read_limited(path: Path, most: int) -> bytes:
 
 
 def _reason(message: str, value: object) -> str:
+    message = message.removeprefix("Value error, ")
     sentence = message[0].lower() + message[1:]
     return sentence if isinstance(value, dict) else f"{sentence}, not {str(value)[:60]!r}"

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from robosim.control.lanes import LanesController
 from robosim.control.learned import LearnedController
-from robosim.control.policy import load_policy, policy_names
+from robosim.control.policy import find_policy, read_policy
 from robosim.envs.vector import VectorEnv
-from robosim.errors import InputError, nearest_names
 
 Actions = NDArray[np.int64]
 
@@ -58,15 +57,11 @@ SCRIPTED: dict[str, Callable[[], Controller]] = {"lanes": LanesController, "rand
 
 
 def make_controller(name_or_path: str | Path) -> Controller:
-    """Return a scripted controller by name, or a trained policy by name or folder.
+    """Return a scripted controller by name, else a policy that ships by name, else one by its folder.
 
-    Raises InputError for a name that nobody knows, with the nearest ones, and for an unsound policy.
+    InputError for a name that nobody knows, with the nearest ones, and for an unsound policy.
     """
     text = os.fspath(name_or_path)
     if text in SCRIPTED:
         return SCRIPTED[text]()
-    names = policy_names()
-    if text not in names and not Path(text).exists():
-        known = nearest_names(text, [*SCRIPTED, *names])
-        raise InputError(f"policy: {text!r} is neither a known name nor a folder; {known}")
-    return LearnedController(load_policy(name_or_path), text)
+    return LearnedController(read_policy(find_policy(name_or_path, SCRIPTED)), text)

@@ -36,6 +36,7 @@ def environment_for(
         actions=card.actions if card else "cardinal",
         encoding=card.observation.encoding if card else "expanded",
         stigmergy=card.observation.stigmergy if card else True,
+        pheromone=card.observation.pheromone.config if card else None,
         episode_steps=episode_steps,
         autoreset=autoreset,
     )

@@ -41,6 +41,11 @@ def check_fit(policy: Policy, env: VectorEnv, name: str) -> None:
             ("number of actions", card.num_actions, env.num_actions),
             ("observation encoding", card.observation.encoding, layout.encoding),
             ("stigmergy", card.observation.stigmergy, layout.stigmergy),
+            *(
+                (f"pheromone {field}", value, getattr(env.pheromone, field))
+                for field, value in card.observation.pheromone.model_dump().items()
+                if card.observation.stigmergy
+            ),
             ("cell size (m)", card.arena.cell_size, arena.cell_size),
             ("decision period (s)", card.timing.decision_period, arena.timing.decision_period),
             *(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,20 +31,38 @@ class Policy:
     """The greedy policy of a team: each robot's own network, from its own observation to its action."""
 
     def __init__(self, weights: Mapping[str, NDArray[np.floating]], card: PolicyCard) -> None:
-        """Take `layer0.weight` [robots, in, out], `layer0.bias` [robots, out] and so on, as in the card."""
+        """Take `layer0.weight` [networks, in, out], `layer0.bias` [networks, out] and so on, as in the card.
+
+        There is a network for each robot, or those that the card's `network.of_robot` gives out.
+        """
         _check_weights(weights, card, "weights")
         self.card = card
-        self._weights = [
-            np.ascontiguousarray(weights[f"layer{i}.weight"], np.float32) for i in range(len(card.layers))
+        # Rounded weights are widened once, here: products of float16 are slow and coarse on a CPU.
+        stored = [
+            (
+                np.asarray(weights[f"layer{i}.weight"], np.float32),
+                np.asarray(weights[f"layer{i}.bias"], np.float32),
+            )
+            for i in range(len(card.layers))
         ]
-        self._biases = [
-            np.asarray(weights[f"layer{i}.bias"], np.float32)[:, None] for i in range(len(card.layers))
-        ]
+        if card.network.of_robot:
+            of_robot = np.array(card.network.of_robot)
+            stored = [(weight[of_robot], bias[of_robot]) for weight, bias in stored]
+        self._weights = [np.ascontiguousarray(weight) for weight, _ in stored]
+        self._biases = [bias[:, None] for _, bias in stored]
 
     @property
     def robots(self) -> int:
         """Robots in the team."""
         return self.card.robots
+
+    def weights(self) -> dict[str, NDArray[np.float32]]:
+        """Return copies of `layer0.weight` [robots, in, out], `layer0.bias` [robots, out] and so on."""
+        arrays: dict[str, NDArray[np.float32]] = {}
+        for i, (weight, bias) in enumerate(zip(self._weights, self._biases, strict=True)):
+            arrays[f"layer{i}.weight"] = weight.copy()
+            arrays[f"layer{i}.bias"] = bias[:, 0].copy()
+        return arrays
 
     def act(self, observation: ArrayLike) -> NDArray[np.int64]:
         """Return the action of every robot, [..., robots], from `observation` [..., robots, size].
@@ -103,7 +121,11 @@ def load_policy(name_or_path: str | Path) -> Policy:
 
     InputError in one sentence for a name nobody knows, and for a folder that is not a whole, sound policy.
     """
-    folder = _find(name_or_path)
+    return read_policy(find_policy(name_or_path))
+
+
+def read_policy(folder: Path) -> Policy:
+    """Read a policy folder; InputError in one sentence if it is not whole and sound."""
     card = read_card(folder / CARD_FILE)
     return Policy(_read_weights(folder / WEIGHTS_FILE, card), card)
 
@@ -127,9 +149,9 @@ def save_policy(folder: Path, weights: Mapping[str, NDArray[np.floating]], card:
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=parent) as scratch:
             fresh, former = Path(scratch) / "new", Path(scratch) / "old"
             fresh.mkdir()
-            safetensors.numpy.save_file(
-                {name: np.ascontiguousarray(array) for name, array in weights.items()}, fresh / WEIGHTS_FILE
-            )
+            whole = {name: np.ascontiguousarray(array) for name, array in weights.items()}
+            # Not by save_file, which lets nobody but the owner read the file.
+            (fresh / WEIGHTS_FILE).write_bytes(safetensors.numpy.save(whole))
             (fresh / CARD_FILE).write_text(card_text(card), encoding="utf-8")
             if folder.exists():
                 folder.rename(former)
@@ -138,7 +160,11 @@ def save_policy(folder: Path, weights: Mapping[str, NDArray[np.floating]], card:
         raise InputError(f"{folder}: the policy cannot be written: {error.strerror or error}.") from error
 
 
-def _find(name_or_path: str | Path) -> Path:
+def find_policy(name_or_path: str | Path, scripted: Iterable[str] = ()) -> Path:
+    """Return the folder of a policy that ships, by name, or else of a policy or run folder, by path.
+
+    InputError for what is none, with the nearest names; `scripted` are names that would also have done.
+    """
     text = os.fspath(name_or_path)
     names = policy_names()
     if text in names:
@@ -149,8 +175,9 @@ def _find(name_or_path: str | Path) -> Path:
     except (OSError, ValueError):
         found = is_folder = False
     if not found:
-        near = f": {nearest_names(text, names)}" if names else "."
-        raise InputError(f"no policy is named {text!r}, and there is no such folder{near}")
+        known = [*scripted, *names]
+        near = f": {nearest_names(text, known)}" if known else "."
+        raise InputError(f"no policy is named {text[:200]!r}, and there is no such folder{near}")
     if not is_folder:
         raise InputError(f"{path}: this is a file; give the policy's folder.")
     for folder in (path, path / RUN_POLICY):
@@ -162,8 +189,13 @@ def _find(name_or_path: str | Path) -> Path:
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, NDArray[np.floating]]:
-    numbers = card.robots * sum((inputs + 1) * outputs for inputs, outputs in card.layers)
-    data = read_limited(path, min(4 * numbers + _MOST_HEADER, _MOST_BYTES))
+    numbers = sum((inputs + 1) * outputs for inputs, outputs in card.layers)
+    if 4 * numbers * card.robots > _MOST_BYTES:
+        raise InputError(
+            f"{path}: {card.robots} networks of {numbers} numbers need more than {_MOST_BYTES} bytes, "
+            "the most a policy may take."
+        )
+    data = read_limited(path, 4 * numbers * card.networks + _MOST_HEADER)
     try:
         tensors: list[tuple[str, dict[str, Any]]] = safetensors.deserialize(data)  # type: ignore[no-untyped-call]
     except safetensors.SafetensorError as error:
@@ -181,8 +213,8 @@ def _read_weights(path: Path, card: PolicyCard) -> dict[str, NDArray[np.floating
 def _check_weights(weights: Mapping[str, NDArray[np.floating]], card: PolicyCard, place: str) -> None:
     expected: dict[str, tuple[int, ...]] = {}
     for layer, (inputs, outputs) in enumerate(card.layers):
-        expected[f"layer{layer}.weight"] = (card.robots, inputs, outputs)
-        expected[f"layer{layer}.bias"] = (card.robots, outputs)
+        expected[f"layer{layer}.weight"] = (card.networks, inputs, outputs)
+        expected[f"layer{layer}.bias"] = (card.networks, outputs)
     for name in sorted(expected.keys() | weights.keys()):
         if name not in weights:
             raise InputError(f"{place}: tensor {name!r} is missing.")
@@ -193,5 +225,9 @@ def _check_weights(weights: Mapping[str, NDArray[np.floating]], card: PolicyCard
             raise InputError(f"{place}: {name!r} has shape {array.shape}; the card says {expected[name]}.")
         if array.dtype not in _DTYPES.values():
             raise InputError(f"{place}: {name!r} is of type {array.dtype}: it must be float32 or float16.")
+        if card.network.precision not in (None, array.dtype.name):
+            raise InputError(
+                f"{place}: {name!r} is of type {array.dtype}; the card says {card.network.precision}."
+            )
         if not np.isfinite(array).all():
             raise InputError(f"{place}: {name!r} holds a number that is not finite.")

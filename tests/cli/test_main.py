@@ -30,7 +30,7 @@ def test_version() -> None:
 def test_help_names_every_subcommand() -> None:
     result = run_robosim("--help")
     assert result.returncode == 0
-    for name in ("demo", "arena", "train", "evaluate", "play", "bench"):
+    for name in ("demo", "arena", "train", "evaluate", "play", "policy", "bench"):
         assert name in result.stdout
 
 

@@ -5,7 +5,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robosim.arena import load_arena
-from robosim.control.card import arena_card, card_text, read_card
+from robosim.control.card import StageCard, arena_card, card_text, read_card
 from robosim.errors import InputError
 
 
@@ -39,6 +39,29 @@ def refused(tmp_path, text):
         ("robot.mass", -1.0, "robot.mass: input should be greater than or equal to 0.01, not '-1.0'."),
         ("network.hidden", [0], "network.hidden.0: input should be greater than or equal to 1, not '0'."),
         ("actions", "fly", "actions: input should be 'cardinal' or 'wheels', not 'fly'."),
+        ("network.of_robot", [0, 1], "network.of_robot must hold 3 numbers, one for each robot."),
+        (
+            "network.of_robot",
+            [0, 2, 0],
+            "network: of_robot must name every stored network, counted from 0.",
+        ),
+        (
+            "network.precision",
+            "int8",
+            "network.precision: input should be 'float32' or 'float16', not 'int8'.",
+        ),
+        (
+            "evaluation.delivered",
+            [[1, 2, 3], [4]],
+            "evaluation: delivered must hold 3 numbers, one for each robot, in each episode.",
+        ),
+        (
+            "evaluation.collisions",
+            [4],
+            "evaluation: collisions must hold 2 numbers, one for each episode.",
+        ),
+        ("training.stages", [{"name": "x"}], "training.stages.0.robots: field required."),
+        ("notes", "x" * 2001, f"notes: string should have at most 2000 characters, not {'x' * 60!r}."),
     ],
 )
 def test_wrong_field_is_one_sentence(tmp_path, card, place, value, sentence):
@@ -49,6 +72,41 @@ def test_wrong_field_is_one_sentence(tmp_path, card, place, value, sentence):
         inner = inner[step]
     inner[name] = value
     assert refused(tmp_path, json.dumps(data)) == sentence
+
+
+def test_a_card_of_before_the_zoo_still_loads(tmp_path, card):
+    data = json.loads(card_text(card))
+    del data["reference"], data["notes"], data["training"]["stages"]
+    del data["network"]["of_robot"], data["network"]["precision"]
+    path = tmp_path / "card.json"
+    path.write_text(json.dumps(data))
+    old = read_card(path)
+    assert old == card
+    assert (old.reference, old.notes, old.training.stages) == (None, "", ())
+    assert (old.network.precision, old.networks, old.share) == (None, 3, None)
+
+
+def test_stages_reference_and_notes_survive_their_file(tmp_path, card):
+    stage = StageCard(name="newcomer 3", robots=3, learning=1, steps=500, ended="steady")
+    full = card.model_copy(
+        update={
+            "training": card.training.model_copy(update={"stages": (stage,)}),
+            "network": card.network.model_copy(update={"of_robot": (0, 1, 0), "precision": "float16"}),
+            "reference": card.evaluation.model_copy(update={"controller": "lanes"}),
+            "notes": "Stands still at times.",
+        }
+    )
+    path = tmp_path / "card.json"
+    path.write_text(card_text(full))
+    assert read_card(path) == full
+    assert (full.networks, full.share) == (2, 1.0)
+
+
+def test_share_is_relative_to_the_reference(card):
+    lanes = card.evaluation.model_copy(update={"delivered": ((8, 8, 8), (8, 8, 8))})
+    assert card.model_copy(update={"reference": lanes}).share == 0.25
+    idle = lanes.model_copy(update={"delivered": ((0, 0, 0), (0, 0, 0))})
+    assert card.model_copy(update={"reference": idle}).share is None
 
 
 def test_missing_field_is_one_sentence(tmp_path, card):

@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 
 from robosim.arena.schema import RobotSection, TimingSection
-from robosim.control.card import ObservationCard, arena_card
+from robosim.control.card import ObservationCard, PheromoneCard, arena_card
+from robosim.control.environment import environment_for
 from robosim.control.learned import LearnedController
 from robosim.control.policy import Policy
+from robosim.discretise.pheromone import PheromoneConfig
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 
@@ -90,3 +92,17 @@ def test_observations_that_mean_something_else_are_refused(fitting, weights_of):
 def test_size_is_that_of_the_names():
     layout = VectorEnv("paper", robots=2).layout
     assert np.shape(layout.low) == (layout.size,) == (len(layout.names),)
+
+
+def test_other_pheromones_are_refused_and_the_policys_own_are_given(fitting, weights_of):
+    env = VectorEnv("paper", robots=2)
+    other = ObservationCard(
+        encoding="expanded", stigmergy=True, names=env.layout.names, pheromone=PheromoneCard(decay=0.2)
+    )
+    driver = controller(fitting(observation=other), weights_of)
+    with pytest.raises(InputError) as caught:
+        driver.reset(env)
+    assert str(caught.value).endswith(": pheromone decay was 0.2 in training and is 0.1 here.")
+    own = environment_for(driver)
+    assert own.pheromone == PheromoneConfig(decay=0.2)
+    driver.reset(own)

@@ -8,6 +8,7 @@ import pytest
 import safetensors.numpy
 
 import robosim.control.policy as policy_module
+from robosim.control.card import NetworkCard, card_text
 from robosim.control.policy import Policy, load_policy, save_policy
 from robosim.errors import InputError
 
@@ -50,6 +51,54 @@ def test_loaded_policy_is_the_saved_one(folder, card, weights_of):
     observation = np.random.default_rng(1).normal(size=(50, 3, 7)).astype(np.float32)
     kept = Policy(weights_of(card), card)
     assert (loaded.values(observation) == kept.values(observation)).all()
+
+
+def test_robots_may_run_one_stored_network(tmp_path, card_of, weights_of):
+    card = card_of(network=NetworkCard(hidden=(16, 12), of_robot=(1, 0, 1)))
+    weights = {name: array[:2] for name, array in weights_of(card).items()}
+    save_policy(tmp_path / "p", weights, card)
+    shared = load_policy(tmp_path / "p")
+    plain = Policy({name: array[[1, 0, 1]] for name, array in weights.items()}, card_of())
+    observation = np.random.default_rng(1).normal(size=(50, 3, 7)).astype(np.float32)
+    assert (shared.values(observation) == plain.values(observation)).all()
+    given = {name: (array == weights[name][[1, 0, 1]]).all() for name, array in shared.weights().items()}
+    assert given == dict.fromkeys(weights, True)
+    with pytest.raises(InputError, match=r"'layer0.bias' has shape \(3, 16\); the card says \(2, 16\)."):
+        Policy(weights_of(card), card)
+
+
+def test_few_stored_networks_cannot_fill_the_memory(tmp_path, card_of):
+    network = NetworkCard(hidden=(4096,) * 8, of_robot=(0,) * 1000)
+    huge = card_of(robots=1000, network=network, evaluation=None)
+    folder = tmp_path / "p"
+    folder.mkdir()
+    (folder / "card.json").write_text(card_text(huge))
+    (folder / "policy.safetensors").write_bytes(b"")
+    assert "need more than 2000000000 bytes, the most a policy may take." in refused(folder)
+
+
+@pytest.mark.parametrize(("said", "is_"), [("float32", np.float16), ("float16", np.float32)])
+def test_precision_must_be_the_one_that_the_card_says(tmp_path, card_of, weights_of, said, is_):
+    card = card_of(network=NetworkCard(hidden=(16, 12), precision=said))
+    save_policy(tmp_path / "p", weights_of(card, dtype=said), card)
+    safetensors.numpy.save_file(weights_of(card, dtype=is_), tmp_path / "p" / "policy.safetensors")
+    told = f"'layer0.bias' is of type {np.dtype(is_)}; the card says {said}."
+    assert refused(tmp_path / "p").endswith(told)
+
+
+def test_rounded_weights_are_computed_with_in_float32(card, weights_of):
+    half = weights_of(card, dtype=np.float16)
+    widened = {name: array.astype(np.float32) for name, array in half.items()}
+    observation = np.random.default_rng(1).normal(size=(50, 3, 7)).astype(np.float32)
+    values = Policy(half, card).values(observation)
+    assert values.dtype == np.float32
+    assert (values == Policy(widened, card).values(observation)).all()
+
+
+def test_both_files_are_readable_as_others_are(folder, tmp_path):
+    (tmp_path / "other").touch()
+    modes = {path.stat().st_mode for path in (*folder.iterdir(), tmp_path / "other")}
+    assert len(modes) == 1
 
 
 def test_the_lowest_of_equal_actions_is_taken(card, weights_of):

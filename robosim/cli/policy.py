@@ -1,0 +1,208 @@
+"""`robosim policy`: list the policies that ship, show the card of one."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from robosim.control.card import Evaluation, PolicyCard, StageCard
+
+
+@dataclass(frozen=True)
+class List:
+    """List the policies that ship, with what they deliver."""
+
+    markdown: bool = False
+    """Print the table as Markdown."""
+
+    def run(self) -> None:
+        from robosim.control.card import read_card
+        from robosim.control.policy import CARD_FILE, find_policy, policy_names
+
+        rows = []
+        for name in policy_names():
+            folder = find_policy(name)
+            rows.append(_row(name, read_card(folder / CARD_FILE), folder))
+        if not rows:
+            print("No policies ship with this robosim.")
+        elif self.markdown:
+            for cells in (_COLUMNS, ("---",) * len(_COLUMNS), *rows):
+                print(f"| {' | '.join(cells)} |")
+        else:
+            _print_table(rows)
+
+
+@dataclass(frozen=True)
+class Show:
+    """Show a policy's card: how it learned, what it delivers, and where it fails."""
+
+    policy: tyro.conf.Positional[str]
+    """Trained policy by name, or policy or run folder."""
+    json: bool = False
+    """Print the card itself, as JSON."""
+
+    def run(self) -> None:
+        from robosim.control.card import card_text
+        from robosim.control.controller import SCRIPTED
+        from robosim.control.policy import find_policy, read_policy
+        from robosim.errors import InputError
+
+        if self.policy in SCRIPTED:
+            raise InputError(f"{self.policy!r} is a scripted controller: it has no card.")
+        folder = find_policy(self.policy)
+        card = read_policy(folder).card
+        if self.json:
+            print(card_text(card), end="")
+            return
+        for what, text in _facts(self.policy, card, folder):
+            print(f"{what:<14}{_printable(text)}".rstrip())
+
+
+@dataclass(frozen=True)
+class Policy:
+    """List the policies that ship, show the card of one."""
+
+    do: Annotated[
+        Annotated[List, tyro.conf.subcommand("list")] | Annotated[Show, tyro.conf.subcommand("show")],
+        tyro.conf.arg(name=""),
+    ]
+
+    def run(self) -> None:
+        self.do.run()
+
+
+_LENGTH = 5000
+"""Decisions in the episodes that the table is about."""
+_COLUMNS = ("name", "arena", "robots", "technique", f"pellets in {_LENGTH} decisions", "of lanes", "size")
+_WIDTH_PIPED = 220
+"""Wider than the table, so that nothing that is piped is wrapped."""
+
+
+def _row(name: str, card: PolicyCard, folder: Path) -> tuple[str, ...]:
+    evaluation = card.evaluation
+    pellets = "not evaluated"
+    if evaluation is not None:
+        pellets = _spread(evaluation)
+        if evaluation.episode_steps != _LENGTH:
+            pellets += f" in {evaluation.episode_steps}"
+    return (
+        name,
+        card.arena.name,
+        str(card.robots),
+        card.technique.name,
+        pellets,
+        "" if card.share is None else f"{100 * card.share:.0f} %",
+        _size(folder),
+    )
+
+
+def _print_table(rows: list[tuple[str, ...]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*_COLUMNS, box=None, header_style="bold")
+    for row in rows:
+        table.add_row(*row)
+    width = None if sys.stdout.isatty() else _WIDTH_PIPED
+    Console(highlight=False, markup=False, emoji=False, width=width).print(table)
+
+
+def _facts(name: str, card: PolicyCard, folder: Path) -> list[tuple[str, str]]:
+    """Say in words what the card holds: (what, text) of each line."""
+    quoted = shlex.quote(name)
+    recording = shlex.quote(f"{Path(name).resolve().name}.rrd")
+    evaluation = card.evaluation
+    measure = f"robosim evaluate {quoted}"
+    if evaluation is not None:
+        measure += f" --episodes {evaluation.episodes} --seed {evaluation.seed}"
+        if evaluation.episode_steps != card.timing.episode_steps:
+            measure += f" --steps {evaluation.episode_steps}"
+    return [
+        ("policy", name),
+        ("", f"{card.robots} robots in arena {card.arena.name}, {_size(folder)}"),
+        ("", ""),
+        *_learning(card),
+        ("", ""),
+        *_layout(card),
+        ("", ""),
+        *(_results("evaluation", evaluation) if evaluation else [("evaluation", "none")]),
+        *(_results("reference", card.reference) if card.reference else []),
+        *([("share", f"{100 * card.share:.1f} % of the reference")] if card.share is not None else []),
+        ("fails at", card.notes or "not noted"),
+        ("", ""),
+        ("see it", f"robosim play {quoted} --save {recording}"),
+        ("measure it", measure),
+    ]
+
+
+def _learning(card: PolicyCard) -> list[tuple[str, str]]:
+    training, technique = card.training, card.technique
+    switches = (
+        "pickups and deliveries pay " + ("the whole team" if technique.global_reward else "the robot itself"),
+        f"pheromones are {'' if technique.stigmergy else 'not '}seen",
+        f"{'a' if technique.curriculum else 'no'} curriculum",
+    )
+    return [
+        ("technique", f"{technique.name}: {', '.join(switches)}"),
+        ("command", training.command or "not noted"),
+        ("seed", str(training.seed)),
+        ("learned for", f"{training.steps} joint decisions, {training.wall_time:.0f} s"),
+        *(("" if number else "stages", _stage(stage)) for number, stage in enumerate(training.stages)),
+        ("versions", ", ".join(f"{package} {version}" for package, version in training.versions.items())),
+    ]
+
+
+def _stage(stage: StageCard) -> str:
+    ending = "until steady" if stage.ended == "steady" else "the whole budget"
+    return (
+        f"{stage.name}: {stage.learning} of {stage.robots} robots learned for {stage.steps} joint decisions, "
+        f"{ending}"
+    )
+
+
+def _layout(card: PolicyCard) -> list[tuple[str, str]]:
+    sizes = " x ".join(str(outputs) for _, outputs in card.layers)
+    network = f"{len(card.observation.names)} x {sizes}"
+    shared = (
+        f", {card.networks} for {card.robots} robots" if card.network.of_robot else ", one for each robot"
+    )
+    precision = f", stored as {card.network.precision}" if card.network.precision else ""
+    pheromones = "with" if card.observation.stigmergy else "without"
+    return [
+        ("arena", f"{card.arena.name}, cells of {card.arena.cell_size} m, text {card.arena.sha256[:12]}"),
+        ("observation", f"{card.layers[0][0]} numbers, {card.observation.encoding}, {pheromones} pheromones"),
+        ("actions", f"{card.num_actions}, {card.actions}, every {card.timing.decision_period} s"),
+        ("network", f"{network}{shared}{precision}"),
+    ]
+
+
+def _results(what: str, evaluation: Evaluation) -> list[tuple[str, str]]:
+    episodes = (
+        f"{evaluation.episodes} episodes of {evaluation.episode_steps} decisions, seed {evaluation.seed}"
+    )
+    return [
+        (what, f"{evaluation.controller} in {evaluation.arena}: {episodes}"),
+        ("  pellets", f"{_spread(evaluation)} per episode"),
+        ("  episodes", "  ".join(map(str, evaluation.totals))),
+        ("  robots", "  ".join(f"{mean:.1f}" for mean in evaluation.per_robot)),
+        ("  collisions", f"{sum(evaluation.collisions) / evaluation.episodes:.1f} per episode"),
+    ]
+
+
+def _spread(evaluation: Evaluation) -> str:
+    return f"{evaluation.mean:.1f} +- {evaluation.std:.1f}"
+
+
+def _size(folder: Path) -> str:
+    return f"{sum(path.stat().st_size for path in folder.iterdir()) / 1e6:.2f} MB"
+
+
+def _printable(text: str) -> str:
+    """Return a text that cannot steer a terminal: a card may come from a stranger."""
+    return "".join(character if character.isprintable() else "?" for character in text)

@@ -1,0 +1,199 @@
+import json
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robosim.control.policy as policy_module
+from robosim.arena.schema import RobotSection, TimingSection
+from robosim.cli.main import main
+from robosim.control.card import (
+    Evaluation,
+    NetworkCard,
+    ObservationCard,
+    PolicyCard,
+    StageCard,
+    TechniqueCard,
+    TrainingCard,
+    arena_card,
+    card_text,
+)
+from robosim.control.policy import save_policy
+from robosim.envs.vector import VectorEnv
+
+
+def make_evaluation(controller: str, *totals: int, steps: int = 5000) -> Evaluation:
+    return Evaluation(
+        controller=controller,
+        arena="paper",
+        robots=2,
+        episode_steps=steps,
+        seed=7,
+        delivered=tuple((total // 2, total - total // 2) for total in totals),
+        collisions=tuple(range(len(totals))),
+    )
+
+
+def make_policy(folder: Path, **changes: object) -> PolicyCard:
+    """Write a policy of two robots for the arena `paper`, with weights of 0, and return its card."""
+    env = VectorEnv("paper", robots=2)
+    fields: dict[str, object] = {
+        "robots": 2,
+        "technique": TechniqueCard(name="smadrl", global_reward=True, stigmergy=True, curriculum=True),
+        "arena": arena_card(env.arena),
+        "observation": ObservationCard(encoding="expanded", stigmergy=True, names=tuple(env.layout.names)),
+        "actions": "cardinal",
+        "num_actions": 5,
+        "network": NetworkCard(hidden=(8,), precision="float32"),
+        "robot": RobotSection(**asdict(env.arena.robot)),
+        "timing": TimingSection(**asdict(env.arena.timing)),
+        "training": TrainingCard(
+            command="robosim train --robots 2 --technique smadrl --out runs/paper-2",
+            seed=3,
+            steps=30000,
+            wall_time=61.4,
+            versions={"numpy": "2.4", "torch": "2.13"},
+            stages=(
+                StageCard(name="first team", robots=1, learning=1, steps=10000, ended="steady"),
+                StageCard(name="newcomer 2", robots=2, learning=1, steps=20000, ended="budget"),
+            ),
+        ),
+        "evaluation": make_evaluation("paper-2", 80, 90, 85),
+        "reference": make_evaluation("lanes", 88, 90, 89),
+        "notes": "Stands still once in a while.",
+    }
+    card = PolicyCard.model_validate(fields | changes)
+    weights = {}
+    for layer, (inputs, outputs) in enumerate(card.layers):
+        weights[f"layer{layer}.weight"] = np.zeros((2, inputs, outputs), np.float32)
+        weights[f"layer{layer}.bias"] = np.zeros((2, outputs), np.float32)
+    save_policy(folder, weights, card)
+    return card
+
+
+@pytest.fixture
+def ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of policies in the place of those that ship."""
+    folder = tmp_path / "ships"
+    folder.mkdir()
+    monkeypatch.setattr(policy_module, "shipped_folder", lambda kind: folder)
+    return folder
+
+
+def test_list_tells_what_each_delivers(ships: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    make_policy(ships / "paper-2")
+    make_policy(ships / "paper-2-short", evaluation=make_evaluation("x", 4, 4, steps=100), reference=None)
+    make_policy(ships / "paper-2-unknown", evaluation=None)
+    assert main(["policy", "list"]) == 0
+    assert [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()] == [
+        "name arena robots technique pellets in 5000 decisions of lanes size",
+        "paper-2 paper 2 smadrl 85.0 +- 5.0 96 % 0.02 MB",
+        "paper-2-short paper 2 smadrl 4.0 +- 0.0 in 100 0.02 MB",
+        "paper-2-unknown paper 2 smadrl not evaluated 0.02 MB",
+    ]
+
+
+def test_list_prints_markdown(ships: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    make_policy(ships / "paper-2")
+    assert main(["policy", "list", "--markdown"]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "| name | arena | robots | technique | pellets in 5000 decisions | of lanes | size |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| paper-2 | paper | 2 | smadrl | 85.0 +- 5.0 | 96 % | 0.02 MB |",
+    ]
+
+
+def test_list_of_nothing_is_a_sentence(ships: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["policy", "list"]) == 0
+    assert capsys.readouterr().out == "No policies ship with this robosim.\n"
+
+
+def test_show_tells_all_that_the_card_holds(ships: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    make_policy(ships / "paper-2")
+    assert main(["policy", "show", "paper-2"]) == 0
+    shown = capsys.readouterr().out
+    for line in (
+        "technique     smadrl: pickups and deliveries pay the whole team, pheromones are seen, a curriculum",
+        "command       robosim train --robots 2 --technique smadrl --out runs/paper-2",
+        "seed          3",
+        "learned for   30000 joint decisions, 61 s",
+        "stages        first team: 1 of 1 robots learned for 10000 joint decisions, until steady",
+        "              newcomer 2: 1 of 2 robots learned for 20000 joint decisions, the whole budget",
+        "versions      numpy 2.4, torch 2.13",
+        "actions       5, cardinal, every 0.3 s",
+        "evaluation    paper-2 in paper: 3 episodes of 5000 decisions, seed 7",
+        "  pellets     85.0 +- 5.0 per episode",
+        "  episodes    80  90  85",
+        "  robots      42.3  42.7",
+        "  collisions  1.0 per episode",
+        "reference     lanes in paper: 3 episodes of 5000 decisions, seed 7",
+        "share         95.5 % of the reference",
+        "fails at      Stands still once in a while.",
+        "see it        robosim play paper-2 --save paper-2.rrd",
+        "measure it    robosim evaluate paper-2 --episodes 3 --seed 7",
+    ):
+        assert line in shown.splitlines()
+    assert "x 8 x 5, one for each robot, stored as float32" in shown
+
+
+def test_show_json_is_the_card(ships: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    card = make_policy(ships / "paper-2")
+    assert main(["policy", "show", "paper-2", "--json"]) == 0
+    out = capsys.readouterr().out
+    assert out == card_text(card)
+    assert json.loads(out)["notes"] == card.notes
+
+
+def test_show_of_a_run_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "my run"
+    make_policy(run / "policy", evaluation=make_evaluation("x", 3, 5, steps=100), reference=None, notes="")
+    assert main(["policy", "show", str(run)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "fails at      not noted" in lines
+    assert f"see it        robosim play '{run}' --save 'my run.rrd'" in lines
+    assert f"measure it    robosim evaluate '{run}' --episodes 2 --seed 7 --steps 100" in lines
+
+
+def test_a_strangers_card_cannot_steer_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_policy(tmp_path / "p", notes="\x1b[2Jfine\r\n")
+    assert main(["policy", "show", str(tmp_path / "p")]) == 0
+    assert "fails at      ?[2Jfine??\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("papr-2", "no policy is named 'papr-2', and there is no such folder: did you mean paper-2?"),
+        ("lanes", "'lanes' is a scripted controller: it has no card."),
+    ],
+)
+def test_wrong_input_exits_with_2_and_one_sentence(
+    ships: Path, name: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_policy(ships / "paper-2")
+    assert main(["policy", "show", name]) == 2
+    assert capsys.readouterr() == ("", f"robosim: {sentence}\n")
+
+
+def test_evaluate_takes_a_name(
+    ships: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_policy(ships / "paper-2")
+    monkeypatch.chdir(tmp_path)
+    assert main(["evaluate", "paper-2", "--episodes", "1", "--steps", "5"]) == 0
+    assert capsys.readouterr().out.startswith("paper-2 in paper, 2 robots, 1 episodes of 5 decisions:")
+    assert main(["evaluate", "papr-2"]) == 2
+    assert capsys.readouterr().err.endswith("did you mean paper-2?\n")
+
+
+def test_help_and_piped_output_are_plain() -> None:
+    for arguments in (["policy", "--help"], ["policy", "list"]):
+        command = [sys.executable, "-m", "robosim", *arguments]
+        result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert (result.returncode, result.stderr) == (0, "")
+        assert "\x1b" not in result.stdout
