@@ -6,13 +6,16 @@ import math
 import tomllib
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robosim.errors import InputError, nearest_names
 from robosim.learning.technique import find_technique
+
+if TYPE_CHECKING:
+    from robosim.discretise.pheromone import PheromoneConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,11 +25,11 @@ class TrainConfig:
     arena: str = "paper"
     """Arena by name, or the path of its file."""
     robots: int = 2
-    """Robots that learn together."""
+    """Size of the team."""
     technique: str = "iql+s"
-    """iql, iql+g, iql+gs as in the paper; iql+s is iql with stigmergy."""
+    """iql, iql+g, iql+gs and smadrl as in the paper; iql+s and iql+sc without the global reward."""
     steps: int = 30_000
-    """Joint decisions in total, summed over environments."""
+    """Joint decisions in total, summed over environments and over the stages of a curriculum."""
     seed: int = 0
     """Root of all randomness of the run."""
     num_envs: int = 8
@@ -35,6 +38,16 @@ class TrainConfig:
     """What the five actions are."""
     encoding: Literal["paper", "expanded"] = "expanded"
     """How observations are written."""
+    sharing: Literal["copied", "split"] = "copied"
+    """Whether a global reward is paid to every robot in full, or in equal parts."""
+    pheromone_decay: float = 0.1
+    """alpha: the share of the pheromone that is lost in a decision."""
+    pheromone_reinforcement: float = 0.1
+    """beta: what a visit adds in a decision."""
+    pheromone_diffusion: float = 0.02
+    """The share of the difference that flows between neighbouring cells in a decision."""
+    pheromone_radius: int = 2
+    """Field of view: robots read the pheromones up to so many rows and columns away."""
     episode_steps: int = 1250
     """Decisions in a training episode; 0 for as many as the arena says."""
     learning_rate: float = 1e-3
@@ -61,12 +74,34 @@ class TrainConfig:
     """Transitions kept of each robot; the oldest go first."""
     warmup: int = 1000
     """Joint decisions before the first update."""
-    updates_per_step: float = 1.0
+    updates_per_step: float = 0.5
     """Updates per joint decision."""
     target_interval: int = 100
     """Updates between two copies of the network into its target network."""
     reward_scale: float = 0.1
     """Factor on rewards before learning."""
+    first_team: int = 2
+    """Curriculum: robots that learn together first."""
+    newcomer: Literal["scratch", "copy"] = "scratch"
+    """Curriculum: a newcomer starts from random weights, or from a copy of the robot before it."""
+    fine_tune: float = 0.0
+    """Curriculum: share of the decisions, at the end, in which the whole team learns."""
+    steady_gain: float = 0.0
+    """Curriculum: a stage ends early once a fifth of it gains less return than this share; 0 for never."""
+    start_from: str = ""
+    """Policy by name or folder whose robots the run starts with; empty for none."""
+    checkpoint_every: int = 10_000
+    """Joint decisions between two checkpoints, to be resumed from; 0 for none but at an interrupt."""
+    record_every: int = 0
+    """Joint decisions between two playbacks of the team so far; 0 for none."""
+    record_steps: int = 500
+    """Decisions in each of them."""
+    overlap: bool = False
+    """Act and learn at the same time, on two cores; the result is the same."""
+    device: str = "cpu"
+    """Where the networks learn: cpu, or cuda for a GPU. The environments always run on the processor."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """What the matrix products of an update round to; bfloat16 needs a processor that has units for it."""
     evaluation_episodes: int = 5
     """Episodes without exploration after training; 0 for none."""
     evaluation_steps: int = 0
@@ -75,12 +110,12 @@ class TrainConfig:
     def __post_init__(self) -> None:
         """Check every field; InputError names the first that is wrong."""
         find_technique(self.technique)
+        self.pheromone()
         for name, (low, high) in _RANGES.items():
             value = getattr(self, name)
             if not (math.isfinite(value) and low <= value <= high):
                 raise InputError(f"{name} is {value}: it must be a number from {low:g} to {high:g}.")
-        for name in ("actions", "encoding"):
-            allowed = _CHOICES[name]
+        for name, allowed in _CHOICES.items():
             if getattr(self, name) not in allowed:
                 raise InputError(f"{name} is {getattr(self, name)!r}: it must be {' or '.join(allowed)}.")
         if not 1 <= len(self.hidden) <= 8 or not all(1 <= width <= 4096 for width in self.hidden):
@@ -90,27 +125,44 @@ class TrainConfig:
                 f"epsilon_end is {self.epsilon_end}: it must not exceed epsilon_start, {self.epsilon_start}."
             )
 
-    def epsilon(self, step: int) -> float:
-        """Return the share of random actions after `step` joint decisions: falls linearly, then stays."""
-        progress = min(1.0, step / max(1.0, self.exploration * self.steps))
-        return self.epsilon_start + (self.epsilon_end - self.epsilon_start) * progress
+    def pheromone(self) -> PheromoneConfig:
+        """Return the constants of the pheromone map."""
+        # Here, since parsing a command line must not load what arenas need.
+        from robosim.discretise.pheromone import PheromoneConfig
 
-    def epsilons(self, step: int) -> NDArray[np.float64]:
-        """Return the share of random actions in each environment after `step` joint decisions, [envs].
+        return PheromoneConfig(
+            decay=self.pheromone_decay,
+            reinforcement=self.pheromone_reinforcement,
+            diffusion=self.pheromone_diffusion,
+            radius=self.pheromone_radius,
+        )
+
+    def epsilon(self, progress: float) -> float:
+        """Return the share of random actions at `progress` (0 to 1) of a stage; it falls, then stays."""
+        explored = 1.0 if self.exploration == 0.0 else min(1.0, progress / self.exploration)
+        return self.epsilon_start + (self.epsilon_end - self.epsilon_start) * explored
+
+    def epsilons(self, epsilon: float) -> NDArray[np.float64]:
+        """Return the share of random actions in each environment, [envs], from that of the first.
 
         All but the first soon act almost greedily (Horgan 2018), so that experience holds what the finished
         team would do, standstill included.
         """
         place = np.arange(self.num_envs) / max(1, self.num_envs - 1)
-        return np.asarray(self.epsilon(step) ** (1.0 + self.epsilon_spread * place))
+        return np.asarray(epsilon ** (1.0 + self.epsilon_spread * place))
 
-    def learning_rate_at(self, step: int) -> float:
-        """Return Adam's step size after `step` joint decisions."""
-        progress = min(1.0, step / self.steps)
-        return self.learning_rate * (1.0 + (self.learning_rate_end - 1.0) * progress)
+    def learning_rate_at(self, progress: float) -> float:
+        """Return Adam's step size at `progress` (0 to 1) of a stage: it falls linearly."""
+        return self.learning_rate * (1.0 + (self.learning_rate_end - 1.0) * min(1.0, progress))
 
 
-_CHOICES = {"actions": ("cardinal", "wheels"), "encoding": ("paper", "expanded")}
+_CHOICES = {
+    "actions": ("cardinal", "wheels"),
+    "encoding": ("paper", "expanded"),
+    "sharing": ("copied", "split"),
+    "newcomer": ("scratch", "copy"),
+    "precision": ("float32", "bfloat16"),
+}
 
 _RANGES: dict[str, tuple[float, float]] = {
     "robots": (1, 1000),
@@ -132,6 +184,12 @@ _RANGES: dict[str, tuple[float, float]] = {
     "updates_per_step": (0.0, 1000.0),
     "target_interval": (1, 10**9),
     "reward_scale": (1e-6, 1e6),
+    "first_team": (1, 1000),
+    "fine_tune": (0.0, 0.99),
+    "steady_gain": (0.0, 10.0),
+    "checkpoint_every": (0, 10**10),
+    "record_every": (0, 10**10),
+    "record_steps": (1, 10**9),
     "evaluation_episodes": (0, 10_000),
     "evaluation_steps": (0, 10**9),
 }
@@ -174,7 +232,7 @@ def _like(value: object, default: object, place: str) -> object:
     if isinstance(default, float) and type(value) is int:
         return float(value)
     if type(value) is not type(default):
-        kind = {str: "a text", int: "a whole number", float: "a number"}[type(default)]
+        kind = {str: "a text", bool: "true or false", int: "a whole number", float: "a number"}[type(default)]
         raise InputError(f"{place} is {value!r}: it must be {kind}.")
     return value
 
@@ -182,6 +240,8 @@ def _like(value: object, default: object, place: str) -> object:
 def _toml(value: object) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, str):
         plain = value.replace("\\", "\\\\").replace('"', '\\"')
         return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in plain) + '"'

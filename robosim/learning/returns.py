@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,3 +49,16 @@ class MultiStepReturns:
         if ended:
             self._open.clear()
         return complete
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return the decisions that are not complete yet, stacked; nothing where there are none."""
+        if not self._open:
+            return {}
+        names = ("observation", "action", "reward")
+        return {name: np.stack(part) for name, part in zip(names, zip(*self._open, strict=True), strict=True)}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Take back what `state` returned."""
+        self._open.clear()
+        if state:
+            self._open.extend(zip(state["observation"], state["action"], state["reward"], strict=True))

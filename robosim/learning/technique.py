@@ -1,4 +1,4 @@
-"""The paper's learning techniques: independent Q-learning, and what each adds to it."""
+"""Techniques: which of the paper's additions to independent Q-learning (IQL) are on."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from robosim.errors import InputError, nearest_names
 
 @dataclass(frozen=True, slots=True)
 class Technique:
-    """Which of the paper's additions to independent Q-learning are on."""
+    """Switches on top of independent Double DQN (the paper's section on the experimental setup)."""
 
     name: str
     global_reward: bool
@@ -18,6 +18,8 @@ class Technique:
     """Robots see the pheromone map around them."""
     curriculum: bool
     """Newcomers join one at a time, while the robots before them stay frozen."""
+    signed_progress: bool = False
+    """Losing ground costs what gaining it pays; the paper pays for gains alone, so going to and fro pays."""
 
 
 TECHNIQUES = {
@@ -25,16 +27,20 @@ TECHNIQUES = {
     for technique in (
         Technique("iql", global_reward=False, stigmergy=False, curriculum=False),
         Technique("iql+g", global_reward=True, stigmergy=False, curriculum=False),
-        # Ours, not the paper's: stigmergy without the noise of what others earn.
-        Technique("iql+s", global_reward=False, stigmergy=True, curriculum=False),
         Technique("iql+gs", global_reward=True, stigmergy=True, curriculum=False),
+        # IQL+GSC in the paper's tables.
+        Technique("smadrl", global_reward=True, stigmergy=True, curriculum=True),
+        # Ours, not the paper's: without the noise of what others earn, and with no pay for dithering.
+        Technique("iql+s", global_reward=False, stigmergy=True, curriculum=False, signed_progress=True),
+        Technique("iql+sc", global_reward=False, stigmergy=True, curriculum=True, signed_progress=True),
     )
 }
+_ALIASES = {"iql+gsc": "smadrl"}
 
 
 def find_technique(name: str) -> Technique:
     """Return the technique of that name; InputError when there is none."""
     try:
-        return TECHNIQUES[name]
+        return TECHNIQUES[_ALIASES.get(name, name)]
     except KeyError:
         raise InputError(f"unknown technique {name!r}: {nearest_names(name, TECHNIQUES)}") from None

@@ -1,27 +1,28 @@
-"""A training run: experience in, updates, and the run folder that is left behind."""
+"""A training run and the folder that it fills: begin, resume, evaluate."""
 
 from __future__ import annotations
 
+import contextlib
 import platform
+import signal
+import threading
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import FrameType
 
 import numpy as np
 import torch
 
 import robosim
-from robosim.arena import load_arena
-from robosim.arena.schema import RobotSection, TimingSection
 from robosim.control.card import (
     Evaluation,
-    NetworkCard,
-    ObservationCard,
     PolicyCard,
     TechniqueCard,
     TrainingCard,
-    arena_card,
+    card_for,
 )
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
@@ -29,21 +30,25 @@ from robosim.control.policy import RUN_POLICY, Policy, save_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from robosim.files import write_whole
-from robosim.learning.config import TrainConfig, write_config
-from robosim.learning.dqn import DqnSettings, StackedDoubleDQN
-from robosim.learning.metrics import Metrics, MetricsLog, write_metrics
-from robosim.learning.networks import NetworkShape
-from robosim.learning.returns import Experience, MultiStepReturns
+from robosim.learning.checkpoint import list_checkpoints, read_checkpoint
+from robosim.learning.config import TrainConfig, read_config, write_config
+from robosim.learning.metrics import Metrics, write_metrics
 from robosim.learning.technique import find_technique
+from robosim.learning.tensorboard import Curves
+from robosim.learning.training import EVALUATION_SEED, Training, make_env
 
 CONFIG_FILE = "config.toml"
 METRICS_FILE = "metrics.parquet"
 EVALUATION_FILE = "evaluation.json"
-
-_ROW = 500
-"""Joint decisions in a row of the metrics."""
+COMMAND_FILE = "command.txt"
+CHECKPOINTS = "checkpoints"
+RECORDINGS = "recordings"
+CURVES = "tensorboard"
 
 Report = Callable[[Metrics], None]
+Record = Callable[[LearnedController, VectorEnv, Path], None]
+"""Records an episode of a controller in an environment to a file."""
+Warn = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,105 +57,186 @@ class TrainResult:
 
     folder: Path
     wall_time: float
-    """Time spent learning, s."""
+    """Time spent learning, all parts of an interrupted run together, s."""
     evaluation: Evaluation | None
 
 
-def train(config: TrainConfig, folder: Path, report: Report, command: str = "") -> TrainResult:
-    """Learn, evaluate and fill `folder`: config.toml, metrics.parquet, policy/ and evaluation.json.
+def train(
+    config: TrainConfig, folder: Path, report: Report, command: str = "", record: Record | None = None
+) -> TrainResult:
+    """Learn, evaluate and fill `folder`: docs/learning.md lists what is in it.
 
-    Interrupted (KeyboardInterrupt), it saves metrics and the policy learned so far, without an evaluation,
-    and lets the interrupt pass. InputError for a folder that is in use or cannot be written, before learning.
+    `record` writes the playbacks that `record_every` asks for. Interrupted (Ctrl-C, SIGTERM, or
+    KeyboardInterrupt from `report`), the run ends its present decision, saves a checkpoint and the policy so
+    far, and raises KeyboardInterrupt; `resume` goes on from there. InputError for a folder that is in use or
+    cannot be written, before learning.
     """
-    seeds = _Seeds.of(config)
-    env = make_env(config, config.num_envs, seeds.env)
-    learner = make_learner(config, env, seeds.learner)
+    training = Training(config)
     prepare_folder(folder)
     write_config(config, folder / CONFIG_FILE)
-    log = MetricsLog()
-    start = time.perf_counter()
+    write_whole(folder / COMMAND_FILE, command + "\n")
+    return _Run(training, folder, report, record, command).finish()
+
+
+def resume(folder: Path, report: Report, record: Record | None = None, warn: Warn = print) -> TrainResult:
+    """Go on with an interrupted run from its last good checkpoint, to the same bits as if never stopped.
+
+    `warn` hears, in a sentence, of damaged checkpoints that are passed over. InputError when `folder` holds
+    no run, a finished one, or one whose checkpoints are all damaged.
+    """
+    if not (folder / CONFIG_FILE).is_file():
+        raise InputError(f"{folder}: no run to resume: there is no {CONFIG_FILE} in it.")
+    config = read_config(folder / CONFIG_FILE)
+    if is_finished(config, folder):
+        raise InputError(f"{folder}: this run is finished; there is nothing to resume.")
     try:
-        learn(config, env, learner, log, report)
-    finally:
-        wall_time = time.perf_counter() - start
-        if log.rows:
-            write_metrics(log.rows, folder / METRICS_FILE)
-        weights = learner.parameters.to_numpy()
-        steps = log.rows[-1].step if log.rows else 0
-        card = make_card(config, env, TrainingCard(
-            command=command, seed=config.seed, steps=steps, wall_time=wall_time, versions=_versions(),
-        ))  # fmt: skip
-        save_policy(folder / RUN_POLICY, weights, card)
-    if config.evaluation_episodes == 0:
-        return TrainResult(folder, wall_time, None)
-    controller = LearnedController(Policy(weights, card), str(folder))
-    whole = replace(config, episode_steps=config.evaluation_steps)
-    test = make_env(whole, config.evaluation_episodes, seeds.evaluation)
-    evaluation = evaluate(controller, test, config.evaluation_episodes, seeds.evaluation)
-    write_whole(folder / EVALUATION_FILE, evaluation.model_dump_json(indent=2) + "\n")
-    save_policy(folder / RUN_POLICY, weights, card.model_copy(update={"evaluation": evaluation}))
-    return TrainResult(folder, wall_time, evaluation)
+        command = (folder / COMMAND_FILE).read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError):
+        command = ""
+    training, wall_time = _latest(config, folder / CHECKPOINTS, warn)
+    for row in training.log.rows[-1:]:
+        report(row)
+    return _Run(training, folder, report, record, command, wall_time).finish()
 
 
-def learn(
-    config: TrainConfig, env: VectorEnv, learner: StackedDoubleDQN, log: MetricsLog, report: Report
-) -> None:
-    """Let `learner` act in `env` and learn from it for `config.steps` joint decisions."""
-    returns = MultiStepReturns(config.return_steps, config.discount)
-    observation = env.reset()
-    step = 0
-    while step < config.steps:
-        actions = learner.act(observation, config.epsilons(step)[:, None])
-        transition = env.step(actions)
-        decision = Experience(observation, actions, transition.reward, transition.final_observation)
-        complete = returns.add(decision, bool(transition.truncated.all()))
-        if complete is not None:
-            learner.replay.add(*complete)
-        observation = transition.observation
-        log.add(transition.reward, transition.final_delivered, transition.truncated)
-        rows_before, step = step // _ROW, step + env.num_envs
-        due = int(max(0, step - config.warmup) * config.updates_per_step)
-        while learner.updates < due:
-            learner.update(config.learning_rate_at(step))
-        if step // _ROW > rows_before or step >= config.steps:
-            report(log.cut(config.epsilon(step), float(learner.loss().mean())))
+def is_finished(config: TrainConfig, folder: Path) -> bool:
+    """Return whether a run has come to its end."""
+    last = EVALUATION_FILE if config.evaluation_episodes else METRICS_FILE
+    return (folder / last).is_file() and not list_checkpoints(folder / CHECKPOINTS)
 
 
-def make_env(config: TrainConfig, num_envs: int, seed: int) -> VectorEnv:
-    """Return the environments that a configuration asks for."""
-    technique = find_technique(config.technique)
-    return VectorEnv(
-        load_arena(config.arena),
-        robots=config.robots,
-        num_envs=num_envs,
-        seed=seed,
-        actions=config.actions,
-        encoding=config.encoding,
-        stigmergy=technique.stigmergy,
-        reward="global" if technique.global_reward else "local",
-        episode_steps=config.episode_steps or None,
-    )
+def _latest(config: TrainConfig, checkpoints: Path, warn: Warn) -> tuple[Training, float]:
+    """Return a run at its last good checkpoint, or at its beginning when it has none yet."""
+    paths = list_checkpoints(checkpoints)
+    problems: list[str] = []
+    for path in paths:
+        training = Training(config)
+        try:
+            checkpoint = read_checkpoint(path)
+            training.restore(checkpoint, checkpoints)
+        except InputError as error:
+            problems.append(str(error))
+            continue
+        for problem in problems:
+            warn(f"{problem} Going on from the checkpoint before, at decision {checkpoint.step}.")
+        return training, float(checkpoint.facts.get("wall_time", 0.0))
+    if problems:
+        raise InputError("\n".join(problems))
+    return Training(config), 0.0
 
 
-def make_learner(config: TrainConfig, env: VectorEnv, seed: np.random.SeedSequence) -> StackedDoubleDQN:
-    """Return a fresh learner for an environment; InputError when its replay exceeds the memory."""
-    shape = NetworkShape(config.robots, env.layout.size, config.hidden, env.num_actions)
-    # More room than the run has decisions would be reserved in vain.
-    capacity = min(config.replay_capacity, config.steps + config.num_envs)
-    settings = DqnSettings(
-        discount=config.discount**config.return_steps,
-        batch_size=config.batch_size,
-        target_interval=config.target_interval,
-        replay_capacity=max(capacity, config.num_envs),
-        reward_scale=config.reward_scale,
-    )
-    try:
-        return StackedDoubleDQN(shape, settings, seed)
-    except (RuntimeError, MemoryError) as error:
-        raise InputError(
-            f"replay_capacity is {config.replay_capacity}: {config.robots} robots with observations of "
-            f"{env.layout.size} numbers need more memory than there is."
-        ) from error
+class _Run:
+    """A run at work in its folder."""
+
+    def __init__(
+        self,
+        training: Training,
+        folder: Path,
+        report: Report,
+        record: Record | None,
+        command: str,
+        wall_time: float = 0.0,
+    ) -> None:
+        self._training = training
+        self._folder = folder
+        self._report = report
+        self._record = record
+        self._command = command
+        self._wall_time = wall_time
+        self._since = time.perf_counter()
+        self._saved_at = training.step
+
+    def finish(self) -> TrainResult:
+        config, training, folder = self._training.config, self._training, self._folder
+        self._learn()
+        weights, card = training.weights(), self._card()
+        evaluation = None
+        if config.evaluation_episodes:
+            controller = LearnedController(Policy(weights, card), str(folder))
+            evaluation = evaluate_run(config, controller, training.seed(EVALUATION_SEED))
+            save_policy(folder / RUN_POLICY, weights, card.model_copy(update={"evaluation": evaluation}))
+            write_whole(folder / EVALUATION_FILE, evaluation.model_dump_json(indent=2) + "\n")
+        # Not before: until here a kill must find something to go on from.
+        for path in (folder / CHECKPOINTS).glob("*"):
+            path.unlink()
+        with contextlib.suppress(OSError):
+            (folder / CHECKPOINTS).rmdir()
+        return TrainResult(folder, self._wall_time, evaluation)
+
+    def _learn(self) -> None:
+        training, config = self._training, self._training.config
+        curves = Curves(self._folder / CURVES, training.step)
+        with _interrupts() as interrupted, contextlib.ExitStack() as stack:
+            beside = stack.enter_context(ThreadPoolExecutor(1)) if config.overlap else None
+            stack.callback(curves.close)
+            whole = True
+            try:
+                while not training.finished:
+                    step, whole = training.step, False
+                    row = training.advance(beside)
+                    whole = True
+                    if row is not None:
+                        curves.add(row)
+                        self._report(row)
+                    if _passed(config.checkpoint_every, step, training.step):
+                        self._save()
+                    if self._record is not None and _passed(config.record_every, step, training.step):
+                        self._playback()
+                    if interrupted():
+                        raise KeyboardInterrupt
+            except KeyboardInterrupt:
+                # In the midst of a decision nothing fits together; the checkpoint before still does.
+                if whole:
+                    self._save()
+                    self._save_policy()
+                raise
+            self._save()
+            self._save_policy()
+
+    def _save(self) -> None:
+        now = time.perf_counter()
+        self._wall_time, self._since = self._wall_time + now - self._since, now
+        try:
+            (self._folder / CHECKPOINTS).mkdir(exist_ok=True)
+            write_metrics(self._training.log.rows, self._folder / METRICS_FILE)
+            self._training.save(self._folder / CHECKPOINTS, self._wall_time)
+        except (InputError, OSError) as error:
+            left = list_checkpoints(self._folder / CHECKPOINTS)
+            kept = f"the checkpoint of decision {self._saved_at} is kept" if left else "there is none before"
+            raise InputError(f"{str(error).rstrip('.')}; {kept}.") from error
+        self._saved_at = self._training.step
+
+    def _save_policy(self) -> None:
+        save_policy(self._folder / RUN_POLICY, self._training.weights(), self._card())
+
+    def _playback(self) -> None:
+        training, config = self._training, self._training.config
+        if self._record is None:
+            return
+        controller = LearnedController(Policy(training.weights(), self._card()), str(self._folder))
+        env = make_env(config, 1, training.seed(EVALUATION_SEED), training.stage.robots, config.record_steps)
+        (self._folder / RECORDINGS).mkdir(exist_ok=True)
+        self._record(controller, env, self._folder / RECORDINGS / f"{training.step:012d}.rrd")
+
+    def _card(self) -> PolicyCard:
+        training = self._training
+        stages = tuple(training.ended) if find_technique(training.config.technique).curriculum else ()
+        about = TrainingCard(
+            command=self._command,
+            seed=training.config.seed,
+            steps=training.step,
+            wall_time=self._wall_time,
+            versions=_versions(),
+            stages=stages,
+        )
+        technique = TechniqueCard(**asdict(find_technique(training.config.technique)))
+        return card_for(training.env, training.weights(), technique, about)
+
+
+def evaluate_run(config: TrainConfig, controller: LearnedController, seed: int) -> Evaluation:
+    """Run the whole episodes without exploration that a configuration asks for."""
+    env = make_env(config, config.evaluation_episodes, seed, steps=config.evaluation_steps)
+    return evaluate(controller, env, config.evaluation_episodes, seed)
 
 
 def prepare_folder(folder: Path) -> None:
@@ -158,7 +244,12 @@ def prepare_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if any(folder.iterdir()):
-            raise InputError(f"{folder}: this folder is not empty; a run needs a new one.")
+            held = (
+                "holds a run; `--resume` goes on with it"
+                if (folder / CONFIG_FILE).exists()
+                else "is not empty"
+            )
+            raise InputError(f"{folder}: this folder {held}; a new run needs a new one.")
         probe = folder / CONFIG_FILE
         probe.touch()
     except FileExistsError:
@@ -167,36 +258,33 @@ def prepare_folder(folder: Path) -> None:
         raise InputError(f"{folder}: the run folder cannot be written: {error.strerror or error}.") from None
 
 
-def make_card(config: TrainConfig, env: VectorEnv, training: TrainingCard) -> PolicyCard:
-    """Return the card of the policy that a run has learned."""
-    technique = find_technique(config.technique)
-    layout = env.layout
-    return PolicyCard(
-        robots=config.robots,
-        technique=TechniqueCard(**asdict(technique)),
-        arena=arena_card(env.arena),
-        observation=ObservationCard(
-            encoding=layout.encoding, stigmergy=layout.stigmergy, names=tuple(layout.names)
-        ),
-        actions=layout.actions,
-        num_actions=env.num_actions,
-        network=NetworkCard(hidden=config.hidden),
-        robot=RobotSection(**asdict(env.arena.robot)),
-        timing=TimingSection(**asdict(env.arena.timing)),
-        training=training,
-    )
+def _passed(every: int, before: int, after: int) -> bool:
+    """Return whether a multiple of `every` lies beyond `before` and up to `after`; never for 0."""
+    return every > 0 and after // every > before // every
 
 
-@dataclass(frozen=True, slots=True)
-class _Seeds:
-    learner: np.random.SeedSequence
-    env: int
-    evaluation: int
+@contextlib.contextmanager
+def _interrupts() -> Iterator[Callable[[], bool]]:
+    """Hold Ctrl-C and SIGTERM back, and yield what tells whether one came; a second one interrupts at once.
 
-    @classmethod
-    def of(cls, config: TrainConfig) -> _Seeds:
-        learner, env, evaluation = np.random.SeedSequence(config.seed).spawn(3)
-        return cls(learner, int(env.generate_state(1)[0]), int(evaluation.generate_state(1)[0]))
+    Signals only reach the main thread; in another one this holds nothing back.
+    """
+    came: list[int] = []
+
+    def take(number: int, _frame: FrameType | None) -> None:
+        if came:
+            raise KeyboardInterrupt
+        came.append(number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    before = {number: signal.signal(number, take) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(came)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _versions() -> dict[str, str]:

@@ -23,6 +23,8 @@ class Corridor:
     def __init__(self, robots=2, num_envs=1, episode_steps=100, seed=0):
         self.robots, self.num_envs, self.episode_steps = robots, num_envs, episode_steps
         self.arena = load_arena("paper")
+        nobody = np.zeros((num_envs, robots), bool)
+        self.dec_pomdp = SimpleNamespace(collided=nobody, blocked=nobody)
         names = (*(f"cell {i}" for i in range(LENGTH)), "laden")
         self.layout = SimpleNamespace(
             names=names, size=len(names), encoding="expanded", stigmergy=True, actions="cardinal"

@@ -14,10 +14,11 @@ from robosim.learning.technique import TECHNIQUES, find_technique
     learning_rate=st.floats(1e-8, 1.0),
     hidden=st.lists(st.integers(1, 4096), min_size=1, max_size=8).map(tuple),
     seed=st.integers(0, 2**63 - 1),
+    overlap=st.booleans(),
 )
-def test_config_survives_its_file(tmp_path_factory, arena, learning_rate, hidden, seed):
+def test_config_survives_its_file(tmp_path_factory, arena, learning_rate, hidden, seed, overlap):
     path = tmp_path_factory.mktemp("config") / "config.toml"
-    config = TrainConfig(arena=arena, learning_rate=learning_rate, hidden=hidden, seed=seed)
+    config = TrainConfig(arena=arena, learning_rate=learning_rate, hidden=hidden, seed=seed, overlap=overlap)
     write_config(config, path)
     assert read_config(path) == config
     names = [line.split(" = ")[0] for line in path.read_text().splitlines()]
@@ -34,6 +35,12 @@ def test_config_survives_its_file(tmp_path_factory, arena, learning_rate, hidden
         ("discount = nan", "discount is nan: it must be a number from 0 to 0.99999."),
         ("hidden = [1.5]", "hidden is [1.5]: it must be a list of whole numbers."),
         ("hidden = []", "hidden is (): it must be 1 to 8 widths from 1 to 4096."),
+        ("overlap = 1", "overlap is 1: it must be true or false."),
+        ('newcomer = "clone"', "newcomer is 'clone': it must be scratch or copy."),
+        (
+            "pheromone_decay = 2.0",
+            "pheromone.decay: 2.0 is not allowed; allowed are numbers from 1e-06 to 1.",
+        ),
         ("robot = 2", "unknown key 'robot': did you mean robots?"),
         ("epsilon_start = 0.01", "epsilon_end is 0.02: it must not exceed epsilon_start, 0.01."),
         ('actions = "jump"', "actions is 'jump': it must be cardinal or wheels."),
@@ -54,26 +61,27 @@ def test_missing_file_is_a_sentence(tmp_path):
 
 
 def test_exploration_falls_over_the_first_tenth_and_stays():
-    config = TrainConfig(steps=1000)
-    assert config.epsilon(0) == 1.0
-    assert config.epsilon(50) == pytest.approx(0.51)
-    assert config.epsilon(100) == pytest.approx(0.02)
-    assert config.epsilon(999) == pytest.approx(0.02)
+    config = TrainConfig()
+    assert config.epsilon(0.0) == 1.0
+    assert config.epsilon(0.05) == pytest.approx(0.51)
+    assert config.epsilon(0.1) == pytest.approx(0.02)
+    assert config.epsilon(0.999) == pytest.approx(0.02)
+    assert TrainConfig(exploration=0.0).epsilon(0.0) == pytest.approx(0.02)
 
 
 def test_further_environments_explore_less():
-    config = TrainConfig(steps=1000, num_envs=3, epsilon_spread=2.0)
-    assert config.epsilons(0) == pytest.approx([1.0, 1.0, 1.0])
-    assert config.epsilons(500) == pytest.approx([0.02, 0.02**2, 0.02**3])
-    assert TrainConfig(steps=1000, num_envs=1).epsilons(500) == pytest.approx([0.02])
-    assert TrainConfig(steps=1000, epsilon_spread=0.0).epsilons(500) == pytest.approx([0.02] * 8)
+    config = TrainConfig(num_envs=3, epsilon_spread=2.0)
+    assert config.epsilons(1.0) == pytest.approx([1.0, 1.0, 1.0])
+    assert config.epsilons(0.02) == pytest.approx([0.02, 0.02**2, 0.02**3])
+    assert TrainConfig(num_envs=1).epsilons(0.02) == pytest.approx([0.02])
+    assert TrainConfig(epsilon_spread=0.0).epsilons(0.02) == pytest.approx([0.02] * 8)
 
 
 def test_step_size_falls_in_a_line_to_its_share():
-    config = TrainConfig(steps=1000, learning_rate=1e-3, learning_rate_end=0.1)
-    assert config.learning_rate_at(0) == pytest.approx(1e-3)
-    assert config.learning_rate_at(500) == pytest.approx(5.5e-4)
-    assert config.learning_rate_at(1000) == config.learning_rate_at(2000) == pytest.approx(1e-4)
+    config = TrainConfig(learning_rate=1e-3, learning_rate_end=0.1)
+    assert config.learning_rate_at(0.0) == pytest.approx(1e-3)
+    assert config.learning_rate_at(0.5) == pytest.approx(5.5e-4)
+    assert config.learning_rate_at(1.0) == config.learning_rate_at(2.0) == pytest.approx(1e-4)
 
 
 def test_techniques_add_one_thing_each():
@@ -83,5 +91,8 @@ def test_techniques_add_one_thing_each():
         "iql+g": (True, False, False),
         "iql+s": (False, True, False),
         "iql+gs": (True, True, False),
+        "smadrl": (True, True, True),
+        "iql+sc": (False, True, True),
     }
     assert find_technique("iql").name == "iql"
+    assert find_technique("iql+gsc").name == "smadrl"

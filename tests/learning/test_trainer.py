@@ -1,5 +1,7 @@
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +12,13 @@ from robosim.control.card import Evaluation
 from robosim.control.policy import load_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
-from robosim.learning.config import TrainConfig, read_config
+from robosim.learning.checkpoint import list_checkpoints, read_checkpoint, write_checkpoint
+from robosim.learning.config import TrainConfig, read_config, write_config
+from robosim.learning.curriculum import Stage
+from robosim.learning.loop import StageLoop
 from robosim.learning.metrics import MetricsLog, read_metrics
-from robosim.learning.trainer import learn, make_learner, prepare_folder, train
+from robosim.learning.trainer import prepare_folder, resume, train
+from robosim.learning.training import make_learner
 
 WALK = TrainConfig(
     steps=3000, num_envs=2, learning_rate=1e-3, discount=0.9, hidden=(32, 32, 32), warmup=200,
@@ -28,14 +34,18 @@ SHORT = TrainConfig(
     hidden=(16, 16, 16),
     evaluation_episodes=2,
 )
+CURRICULUM = replace(SHORT, steps=800, robots=4, technique="smadrl", fine_tune=0.2)
 
 
 @pytest.mark.parametrize("return_steps", [1, 3])
 def test_learns_to_walk_a_corridor_to_and_fro(corridor, return_steps):
     config = replace(WALK, return_steps=return_steps)
     env = corridor(robots=2, num_envs=2)
-    learner = make_learner(config, env, np.random.SeedSequence(0))
-    learn(config, env, learner, MetricsLog(), lambda row: None)
+    learner = make_learner(config, 2, env, np.random.SeedSequence(0), config.steps)
+    stage = Stage("together", 2, 2, 1.0, explores=True)
+    loop = StageLoop(config, stage, config.steps, env, learner, None, MetricsLog())
+    while not loop.finished:
+        loop.advance()
     test = corridor(robots=2, num_envs=4, episode_steps=101, seed=1)
     observation = test.reset()
     for _ in range(100):
@@ -52,7 +62,9 @@ def run(folder, config=SHORT):
 def test_a_run_folder_holds_all_that_came_of_the_run(tmp_path):
     result, rows = run(tmp_path / "run")
     names = {path.name for path in (tmp_path / "run").iterdir()}
-    assert names >= {"config.toml", "metrics.parquet", "policy", "evaluation.json"}
+    assert names == {
+        "command.txt", "config.toml", "metrics.parquet", "policy", "evaluation.json", "tensorboard",
+    }  # fmt: skip
     assert read_config(tmp_path / "run" / "config.toml") == SHORT
     kept = read_metrics(tmp_path / "run" / "metrics.parquet")
     assert [row.step for row in kept] == [row.step for row in rows]
@@ -64,6 +76,9 @@ def test_a_run_folder_holds_all_that_came_of_the_run(tmp_path):
     assert card.evaluation == result.evaluation
     assert (card.training.command, card.training.steps) == ("robosim train --some-flag", 240)
     assert card.training.versions["torch"] == torch.__version__
+    assert card.training.stages == ()
+    with pytest.raises(InputError, match="this run is finished; there is nothing to resume"):
+        resume(tmp_path / "run", rows.append)
 
 
 def weights(folder):
@@ -86,12 +101,10 @@ def test_equal_runs_end_in_equal_bits_in_another_process_too(tmp_path):
 
 def test_numpy_policy_acts_as_the_torch_network(tmp_path):
     env = VectorEnv("paper", robots=2, num_envs=3)
-    learner = make_learner(SHORT, env, np.random.SeedSequence(3))
+    learner = make_learner(SHORT, 2, env, np.random.SeedSequence(3), SHORT.steps)
     run(tmp_path / "run")
     policy = load_policy(tmp_path / "run")
-    for layer in range(4):
-        learner.parameters.weights[layer].copy_(torch.from_numpy(policy._weights[layer]))
-        learner.parameters.biases[layer].copy_(torch.from_numpy(policy._biases[layer]))
+    learner.load_parameters(policy.weights())
     observation = np.random.default_rng(0).uniform(-1, 1, (500, 2, env.layout.size)).astype(np.float32)
     values = learner.values(observation)
     np.testing.assert_allclose(policy.values(observation), values, rtol=1e-4, atol=1e-5)
@@ -101,26 +114,224 @@ def test_numpy_policy_acts_as_the_torch_network(tmp_path):
     assert (policy.act(observation) == values.argmax(axis=-1))[clear].all()
 
 
-def test_an_interrupt_keeps_metrics_and_policy_and_passes_on(tmp_path):
+def test_an_interrupt_keeps_metrics_and_policy_and_can_be_resumed(tmp_path):
+    run(tmp_path / "whole", CURRICULUM)
+
     def stop(row):
-        raise KeyboardInterrupt
+        if row.step >= 480:
+            raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(SHORT, tmp_path / "run", stop)
+        train(CURRICULUM, tmp_path / "run", stop, "robosim train --some-flag")
     card = load_policy(tmp_path / "run").card
-    assert card.training.steps == 240
-    assert card.evaluation is None
-    assert read_metrics(tmp_path / "run" / "metrics.parquet")[-1].step == 240
+    assert (card.training.steps, card.robots, card.evaluation) == (480, 3, None)
+    assert [stage.name for stage in card.training.stages] == ["first team", "newcomer 3"]
+    assert read_metrics(tmp_path / "run" / "metrics.parquet")[-1].step == 480
+    resume(tmp_path / "run", lambda row: None)
+    assert weights(tmp_path / "run") == weights(tmp_path / "whole")
+    card = load_policy(tmp_path / "run").card
+    assert card.training.command == "robosim train --some-flag"
+    assert [(one.name, one.steps, one.ended) for one in card.training.stages] == [
+        ("first team", 320, "budget"),
+        ("newcomer 3", 160, "budget"),
+        ("newcomer 4", 160, "budget"),
+        ("fine-tuning", 160, "budget"),
+    ]
+    figures = [read_metrics(tmp_path / name / "metrics.parquet") for name in ("run", "whole")]
+    resumed, whole = ([replace(row, steps_per_second=0.0, loss=0.0) for row in rows] for rows in figures)
+    assert resumed == whole
+    assert {row.stage for row in whole} == {"first team", "newcomer 3", "newcomer 4", "fine-tuning"}
+
+
+def test_frozen_robots_keep_their_bits(tmp_path):
+    config = replace(CURRICULUM, fine_tune=0.0)
+    run(tmp_path / "four", config)
+    # Two robots with what four spend on the first stage: half of the shares.
+    run(tmp_path / "two", replace(config, robots=2, steps=400))
+    first, team = (load_policy(tmp_path / name).weights() for name in ("two", "four"))
+    for name, array in first.items():
+        np.testing.assert_array_equal(array, team[name][:2])
+        # Nobody is a copy of anybody.
+        assert not np.array_equal(team[name][2], team[name][3])
+    # Fine-tuning is what moves them.
+    run(tmp_path / "tuned", replace(config, fine_tune=0.2, steps=1000))
+    tuned = load_policy(tmp_path / "tuned").weights()
+    for name, array in first.items():
+        assert (array != tuned[name][:2]).mean() > 0.2
+
+
+def test_a_newcomer_can_start_as_a_copy_and_a_run_from_a_policy(tmp_path):
+    run(tmp_path / "two", replace(SHORT, evaluation_episodes=0))
+    never = replace(
+        SHORT, technique="smadrl", robots=4, newcomer="copy", warmup=10_000, start_from=str(tmp_path / "two"),
+        evaluation_episodes=0,
+    )  # fmt: skip
+    run(tmp_path / "four", never)
+    first, team = (load_policy(tmp_path / name).weights() for name in ("two", "four"))
+    for name, array in first.items():
+        # No update is made, so all newcomers are still the last of the two.
+        for robot, original in enumerate((0, 1, 1, 1)):
+            np.testing.assert_array_equal(team[name][robot], array[original])
+    with pytest.raises(InputError) as caught:
+        run(tmp_path / "other", replace(never, hidden=(8, 8)))
+    assert str(caught.value) == (
+        f"start_from {str(tmp_path / 'two')!r} has hidden layers [16, 16, 16]: "
+        "the run's must be the same, not [8, 8]."
+    )
+    with pytest.raises(InputError, match="observation encoding was expanded in training and is paper here"):
+        run(tmp_path / "other", replace(never, encoding="paper"))
+    assert not (tmp_path / "other").exists()
+
+
+def test_acting_beside_learning_changes_no_bit(tmp_path):
+    run(tmp_path / "one", CURRICULUM)
+    run(tmp_path / "two", replace(CURRICULUM, overlap=True))
+    assert weights(tmp_path / "one") == weights(tmp_path / "two")
+
+
+def test_playbacks_are_recorded_on_the_way_and_change_nothing(tmp_path):
+    seen = []
+
+    def record(controller, env, path):
+        seen.append((path.name, env.robots, env.episode_steps, controller.policy.robots))
+        env.reset()
+        env.step(controller.act(env, env.reset()))
+
+    run(tmp_path / "one", CURRICULUM)
+    config = replace(CURRICULUM, record_every=300, record_steps=7)
+    train(config, tmp_path / "two", lambda row: None, record=record)
+    assert seen == [("000000000300.rrd", 2, 7, 2), ("000000000600.rrd", 4, 7, 4)]
+    assert weights(tmp_path / "one") == weights(tmp_path / "two")
+
+
+def kill_now(process, seconds):
+    process.stdout.readline()
+    time.sleep(seconds)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+    return process.returncode
+
+
+def test_killed_ten_times_a_run_ends_in_the_same_bits(tmp_path):
+    config = replace(CURRICULUM, steps=2000, checkpoint_every=100, replay_capacity=300)
+    whole = run(tmp_path / "whole", config)[0]
+    run_here = [sys.executable, "-m", "robosim", "train", "--resume", str(tmp_path / "run")]
+    folder = tmp_path / "run"
+    prepare_folder(folder)
+    write_config(config, folder / "config.toml")
+    moments = np.random.default_rng(5).uniform(0.0, 0.5, 10)
+    for moment in moments:
+        process = subprocess.Popen(run_here, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        assert kill_now(process, moment) == -signal.SIGKILL
+    # The last kill has left something: otherwise this test would only compare two whole runs.
+    assert 0 < read_checkpoint(list_checkpoints(folder / "checkpoints")[0]).step < 2000
+    finished = subprocess.run(run_here, capture_output=True, text=True)
+    assert finished.returncode == 0, finished.stderr
+    assert weights(folder) == weights(tmp_path / "whole")
+    evaluation = Evaluation.model_validate_json((folder / "evaluation.json").read_text())
+    assert evaluation.delivered == whole.evaluation.delivered
+    assert not (folder / "checkpoints").exists()
+
+
+def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
+    folder = tmp_path / "run"
+    command = [sys.executable, "-m", "robosim", "train", "--out", str(folder), "--steps", "1000000"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate()
+    assert process.returncode == 130
+    assert out.splitlines()[-1] == f"Stopped; go on with: robosim train --resume {folder}"
+    assert err == "robosim: interrupted\n"
+    taken = read_checkpoint(list_checkpoints(folder / "checkpoints")[0]).step
+    assert taken >= 500
+    assert load_policy(folder).card.training.steps == taken
+
+
+def interrupted(folder, config):
+    """Leave a run with checkpoints behind."""
+
+    def stop(row):
+        if row.step >= 500:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(config, folder, stop)
+    return list_checkpoints(folder / "checkpoints")
+
+
+@pytest.mark.parametrize("damage", ["truncated", "emptied", "of other networks", "part missing", "part cut"])
+def test_a_damaged_checkpoint_is_told_and_the_one_before_goes_on(tmp_path, damage):
+    config = replace(SHORT, steps=700, checkpoint_every=200)
+    run(tmp_path / "whole", config)
+    folder = tmp_path / "run"
+    latest, before = interrupted(folder, config)
+    if damage == "truncated":
+        latest.write_bytes(latest.read_bytes()[:-100])
+    elif damage == "emptied":
+        latest.write_bytes(b"")
+    elif damage == "of other networks":
+        kept = read_checkpoint(latest)
+        tensors = {name: tensor[:1] if tensor.dim() else tensor for name, tensor in kept.tensors.items()}
+        write_checkpoint(latest.parent, replace(kept, tensors=tensors))
+    else:
+        part = latest.parent / read_checkpoint(latest).parts[-1]
+        assert part.name not in read_checkpoint(before).parts
+        if damage == "part cut":
+            part.write_bytes(part.read_bytes()[:-10])
+        else:
+            part.unlink()
+    heard = []
+    resume(folder, lambda row: None, warn=heard.append)
+    assert len(heard) == 1
+    assert heard[0].endswith(f"Going on from the checkpoint before, at decision {int(before.stem)}.")
+    assert weights(folder) == weights(tmp_path / "whole")
+
+
+def test_nothing_good_to_resume_is_a_sentence_each(tmp_path):
+    with pytest.raises(InputError, match=r"nowhere: no run to resume: there is no config.toml in it\.$"):
+        resume(tmp_path / "nowhere", lambda row: None)
+    paths = interrupted(tmp_path / "run", replace(SHORT, steps=700, checkpoint_every=200))
+    for path in paths:
+        path.write_bytes(b"nonsense")
+    with pytest.raises(InputError) as caught:
+        resume(tmp_path / "run", lambda row: None)
+    sentences = str(caught.value).splitlines()
+    assert len(sentences) == len(paths) == 2
+    for sentence, path in zip(sentences, paths, strict=True):
+        assert sentence.startswith(f"{path}: not a whole checkpoint (")
+
+
+def test_a_folder_taken_away_or_a_full_disk_stops_the_run_with_a_sentence(tmp_path):
+    folder = tmp_path / "run"
+    config = replace(CURRICULUM, checkpoint_every=200)
+
+    def move_away(row):
+        if row.step >= 480 and folder.exists():
+            folder.rename(tmp_path / "elsewhere")
+
+    with pytest.raises(InputError) as caught:
+        train(config, folder, move_away)
+    assert str(caught.value) == (
+        f"[Errno 2] No such file or directory: '{folder}/checkpoints'; there is none before."
+    )
+    run(tmp_path / "whole", config)
+    resume(tmp_path / "elsewhere", lambda row: None)
+    assert weights(tmp_path / "elsewhere") == weights(tmp_path / "whole")
 
 
 def test_a_folder_in_use_or_out_of_reach_is_a_sentence(tmp_path):
     full = tmp_path / "full"
     full.mkdir()
     (full / "notes.txt").write_text("mine")
+    begun = tmp_path / "begun"
+    prepare_folder(begun)
     file = tmp_path / "file"
     file.write_text("")
     for folder, sentence in (
-        (full, "this folder is not empty; a run needs a new one."),
+        (full, "this folder is not empty; a new run needs a new one."),
+        (begun, "this folder holds a run; `--resume` goes on with it; a new run needs a new one."),
         (file, "this is a file; a run needs a folder."),
         (file / "run", "the run folder cannot be written: Not a directory."),
     ):

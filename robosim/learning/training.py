@@ -1,0 +1,278 @@
+"""A training run from its first decision to its last: stages, and the moments that it can be resumed from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from robosim.arena import load_arena
+from robosim.control.card import StageCard
+from robosim.control.learned import check_fit
+from robosim.control.policy import load_policy
+from robosim.envs.vector import Snapshot, VectorEnv
+from robosim.errors import InputError
+from robosim.learning.checkpoint import Checkpoint, read_part, write_checkpoint, write_part
+from robosim.learning.config import TrainConfig
+from robosim.learning.curriculum import Ending, Stage, is_steady, plan_stages, stage_budget
+from robosim.learning.dqn import DqnSettings, StackedDoubleDQN
+from robosim.learning.loop import FrozenTeam, StageLoop, Weights
+from robosim.learning.metrics import Metrics, MetricsLog, Sums
+from robosim.learning.networks import NetworkShape
+from robosim.learning.technique import find_technique
+
+ENV_SEED = 1
+EVALUATION_SEED = 2
+"""Children of the run's root seed; child 0 is the first learner's, and later stages take two each."""
+
+
+class Training:
+    """Everything that changes while a team learns."""
+
+    def __init__(self, config: TrainConfig) -> None:
+        """Read the arena and the policy to start from, if any; InputError when something does not fit."""
+        self.config = config
+        self.log = MetricsLog()
+        self.step = 0
+        """Joint decisions of the run so far."""
+        self.ended: list[StageCard] = []
+        """The stages that are over."""
+        self._team = starting_team(config)
+        """Weights of the robots that have learned in earlier stages."""
+        self.stages = plan_stages(config, count_robots(self._team))
+        self._saved: list[tuple[int, int, str]] = []
+        """Parts of the present stage's experience that are on disk: first transition, last + 1, file."""
+        self._begin(0)
+
+    @property
+    def finished(self) -> bool:
+        """Whether all stages are over."""
+        return len(self.ended) == len(self.stages)
+
+    @property
+    def stage(self) -> Stage:
+        """The present stage, or the last when all are over."""
+        return self.stages[min(len(self.ended), len(self.stages) - 1)]
+
+    def advance(self, beside: Executor | None = None) -> Metrics | None:
+        """Take one decision in every environment; returns the row of the metrics that it closes, if any.
+
+        `beside` is explained in `StageLoop.advance`.
+        """
+        loop = self.loop
+        row = loop.advance(beside)
+        self.step += self.env.num_envs
+        if row is None:
+            return None
+        rows = [one for one in self.log.rows if one.stage == self.stage.name]
+        if loop.finished:
+            self._end("budget")
+        elif is_steady(rows, loop.budget, self.config.steady_gain):
+            self._end("steady")
+        return row
+
+    def weights(self) -> dict[str, NDArray[np.float32]]:
+        """Return the parameters of all robots so far, those that learn at present last."""
+        if self.finished or (self._team and not self.loop.step):
+            return dict(self._team)
+        return joined(self._team if self.stage.frozen else {}, self.learner.parameters.to_numpy())
+
+    def _end(self, ending: Ending) -> None:
+        stage = self.stage
+        self._team = self.weights()
+        self.ended.append(
+            StageCard(
+                name=stage.name,
+                robots=stage.robots,
+                learning=stage.learning,
+                steps=self.loop.step,
+                ended=ending,
+            )
+        )
+        if not self.finished:
+            self._begin(len(self.ended))
+
+    def _begin(self, number: int) -> None:
+        stage, config = self.stages[number], self.config
+        learner_seed, env_seed = 2 * number + (number > 0), 2 * number + 1 + (number > 0)
+        budget = stage_budget(self.stages, number, max(1, config.steps - self.step))
+        self.env = make_env(config, config.num_envs, self.seed(env_seed), robots=stage.robots)
+        seed = np.random.SeedSequence(config.seed, spawn_key=(learner_seed,))
+        self.learner = make_learner(config, stage.learning, self.env, seed, budget)
+        frozen = None
+        if stage.frozen:
+            frozen = FrozenTeam(replace(self.learner.shape, robots=stage.frozen), self._team)
+            if not stage.explores:
+                # A newcomer that copies takes after the robot before it.
+                self.learner.load_parameters(robots_of(self._team, stage.frozen - 1, stage.frozen))
+        elif self._team:
+            self.learner.load_parameters(self._team)
+        self._saved = []
+        self.log.begin_stage()
+        self.loop = StageLoop(config, stage, budget, self.env, self.learner, frozen, self.log)
+
+    def seed(self, child: int) -> int:
+        """Return a number drawn from a child of the run's root seed."""
+        return int(np.random.SeedSequence(self.config.seed, spawn_key=(child,)).generate_state(1)[0])
+
+    def save(self, folder: Path, wall_time: float) -> None:
+        """Write a checkpoint, `wall_time` (s) into the run.
+
+        InputError, and the one before untouched, when it cannot be written.
+        """
+        tensors: dict[str, torch.Tensor] = {f"team.{n}": torch.from_numpy(a) for n, a in self._team.items()}
+        facts: dict[str, Any] = {
+            "ended": [stage.model_dump() for stage in self.ended],
+            "sums": asdict(self.log.sums),
+            "rows": [asdict(row) for row in self.log.rows],
+            "wall_time": wall_time,
+        }
+        if not self.finished:
+            snapshot, replay = self.env.snapshot(), self.learner.replay
+            self._save_experience(folder)
+            tensors |= self.loop.state()
+            tensors["actions"] = torch.from_numpy(snapshot.actions)
+            facts |= {
+                "budget": self.loop.budget,
+                "loop": self.loop.counters(),
+                "seeds": snapshot.seeds,
+                "episode": snapshot.episode,
+                "experience": self._saved,
+                "added": replay.added,
+            }
+        write_checkpoint(folder, Checkpoint(self.step, tensors, facts, tuple(n for _, _, n in self._saved)))
+
+    def _save_experience(self, folder: Path) -> None:
+        """Write what has been added since the checkpoint before, and forget what the replay has dropped."""
+        replay, number = self.learner.replay, len(self.ended)
+        oldest = replay.added - replay.length
+        saved = [part for part in self._saved if part[1] > oldest]
+        first = max(saved[-1][1] if saved else 0, oldest)
+        if first < replay.added:
+            name = f"experience-{number:04d}-{first:012d}-{replay.added:012d}.zst"
+            write_part(folder, name, replay.export(first, replay.added))
+            saved.append((first, replay.added, name))
+        self._saved = saved
+
+    def restore(self, checkpoint: Checkpoint, folder: Path) -> None:
+        """Go back to a checkpoint that a run of the same configuration wrote.
+
+        InputError when it, or a part of its experience in `folder`, is damaged or of another run.
+        """
+        try:
+            self._restore(checkpoint.tensors, checkpoint.facts, folder)
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"the checkpoint is not one of this run ({error!r}).") from error
+        self.step = checkpoint.step
+
+    def _restore(self, tensors: Mapping[str, torch.Tensor], facts: Mapping[str, Any], folder: Path) -> None:
+        self.ended = [StageCard.model_validate(stage) for stage in facts["ended"]]
+        team = {n.removeprefix("team."): t.numpy() for n, t in tensors.items() if n.startswith("team.")}
+        self._team = team
+        self.log.rows[:] = [Metrics(**row) for row in facts["rows"]]
+        if not self.finished:
+            # The stage began when the run had taken this many decisions; its budget depends on that.
+            self.step = sum(stage.steps for stage in self.ended)
+            self._begin(len(self.ended))
+            self.loop.budget = int(facts["budget"])
+            seeds, episode = tuple(map(int, facts["seeds"])), int(facts["episode"])
+            snapshot = Snapshot(seeds, episode, tensors["actions"].numpy())
+            self.loop.restore(tensors, facts["loop"], self.env.restore(snapshot))
+            self._saved = [(int(first), int(last), str(name)) for first, last, name in facts["experience"]]
+            if self._saved:
+                parts = (read_part(folder, name) for _, _, name in self._saved)
+                self.learner.replay.restore(self._saved[0][0], parts)
+        self.log.sums = Sums(**facts["sums"])
+
+
+def starting_team(config: TrainConfig) -> Weights:
+    """Return the weights that a run starts from, empty for none; InputError when they do not fit the run."""
+    if not config.start_from:
+        return {}
+    policy = load_policy(config.start_from)
+    robots = policy.card.robots
+    if policy.card.network.hidden != config.hidden:
+        raise InputError(
+            f"start_from {config.start_from!r} has hidden layers {list(policy.card.network.hidden)}: "
+            f"the run's must be the same, not {list(config.hidden)}."
+        )
+    if robots <= config.robots:
+        check_fit(policy, make_env(config, 1, 0, robots=robots), config.start_from)
+    return policy.weights()
+
+
+def robots_of(weights: Weights, first: int, last: int) -> dict[str, NDArray[np.float32]]:
+    """Return the weights of robots `first` to `last - 1`."""
+    return {name: array[first:last] for name, array in weights.items()}
+
+
+def joined(before: Weights, after: Weights) -> dict[str, NDArray[np.float32]]:
+    """Return the weights of two teams as those of one."""
+    if not before:
+        return dict(after)
+    return {name: np.concatenate((before[name], array)) for name, array in after.items()}
+
+
+def count_robots(weights: Weights) -> int:
+    """Return how many robots the weights are for."""
+    return len(weights["layer0.weight"]) if weights else 0
+
+
+def make_env(
+    config: TrainConfig, num_envs: int, seed: int, robots: int | None = None, steps: int | None = None
+) -> VectorEnv:
+    """Return the environments that a configuration asks for.
+
+    `robots` and `steps` replace its team and its length of an episode, where 0 is the arena's own.
+    """
+    technique = find_technique(config.technique)
+    return VectorEnv(
+        load_arena(config.arena),
+        robots=config.robots if robots is None else robots,
+        num_envs=num_envs,
+        seed=seed,
+        actions=config.actions,
+        encoding=config.encoding,
+        stigmergy=technique.stigmergy,
+        reward="global" if technique.global_reward else "local",
+        sharing=config.sharing,
+        signed_progress=technique.signed_progress,
+        episode_steps=(config.episode_steps if steps is None else steps) or None,
+        pheromone=config.pheromone(),
+    )
+
+
+def make_learner(
+    config: TrainConfig, robots: int, env: VectorEnv, seed: np.random.SeedSequence, steps: int
+) -> StackedDoubleDQN:
+    """Return a fresh learner of `robots` networks; InputError when its replay exceeds the memory.
+
+    `steps` is how many joint decisions it will learn from at most.
+    """
+    shape = NetworkShape(robots, env.layout.size, config.hidden, env.num_actions)
+    # More room than there are decisions would be reserved in vain.
+    capacity = min(config.replay_capacity, steps + config.num_envs)
+    settings = DqnSettings(
+        discount=config.discount**config.return_steps,
+        batch_size=config.batch_size,
+        target_interval=config.target_interval,
+        replay_capacity=max(capacity, config.num_envs),
+        reward_scale=config.reward_scale,
+    )
+    try:
+        return StackedDoubleDQN(shape, settings, seed, config.device, config.precision)
+    except InputError:
+        raise
+    except (RuntimeError, MemoryError) as error:
+        raise InputError(
+            f"replay_capacity is {config.replay_capacity}: {robots} robots with observations of "
+            f"{env.layout.size} numbers need more memory than there is."
+        ) from error

@@ -1,0 +1,105 @@
+from types import SimpleNamespace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robosim.errors import InputError
+from robosim.learning.config import TrainConfig
+from robosim.learning.curriculum import is_steady, plan_stages, stage_budget
+
+
+def shapes(stages):
+    return [(stage.name, stage.robots, stage.learning, stage.explores) for stage in stages]
+
+
+def test_two_first_then_newcomers_one_at_a_time_then_all():
+    config = TrainConfig(technique="smadrl", robots=4, fine_tune=0.5)
+    assert shapes(plan_stages(config)) == [
+        ("first team", 2, 2, True),
+        ("newcomer 3", 3, 1, True),
+        ("newcomer 4", 4, 1, True),
+        ("fine-tuning", 4, 4, False),
+    ]
+
+
+def test_without_a_curriculum_all_learn_together():
+    assert shapes(plan_stages(TrainConfig(technique="iql+gs", robots=4))) == [("together", 4, 4, True)]
+    assert shapes(plan_stages(TrainConfig(robots=4), trained=4)) == [("together", 4, 4, False)]
+
+
+def test_a_trained_team_takes_the_place_of_the_first_stages():
+    config = TrainConfig(technique="smadrl", robots=4, newcomer="copy")
+    assert shapes(plan_stages(config, trained=3)) == [("newcomer 4", 4, 1, False)]
+    config = TrainConfig(technique="smadrl", robots=1)
+    assert shapes(plan_stages(config)) == [("first team", 1, 1, True)]
+
+
+@pytest.mark.parametrize(
+    ("options", "trained", "sentence"),
+    [
+        ({"robots": 2}, 3, "start_from holds 3 robots: it must hold at most the team's 2."),
+        (
+            {"robots": 3},
+            2,
+            "start_from holds 2 robots: without a curriculum it must hold the team's 3.",
+        ),
+        (
+            {"robots": 3, "technique": "smadrl"},
+            3,
+            "start_from holds 3 robots, the whole team: nothing is left to learn without fine_tune.",
+        ),
+    ],
+)
+def test_a_policy_that_does_not_go_with_the_team_is_a_sentence(options, trained, sentence):
+    with pytest.raises(InputError) as caught:
+        plan_stages(TrainConfig(**options), trained)
+    assert str(caught.value) == sentence
+
+
+@given(
+    robots=st.integers(1, 16),
+    first_team=st.integers(1, 4),
+    fine_tune=st.sampled_from([0.0, 0.2, 0.5]),
+    steps=st.integers(100, 10**6),
+    early=st.lists(st.floats(0.6, 1.0), min_size=20, max_size=20),
+)
+def test_budgets_use_up_the_run_also_when_stages_end_early(robots, first_team, fine_tune, steps, early):
+    config = TrainConfig(technique="smadrl", robots=robots, first_team=first_team, fine_tune=fine_tune)
+    stages = plan_stages(config)
+    taken = 0
+    for number, stage in enumerate(stages):
+        budget = stage_budget(stages, number, max(1, steps - taken))
+        assert 1 <= budget <= max(1, steps - taken)
+        last = stage is stages[-1]
+        if last and fine_tune and taken == round((1 - fine_tune) * steps):
+            assert budget == pytest.approx(fine_tune * steps, rel=0.02)
+        taken += budget if last else max(1, round(early[number] * budget))
+    assert steps <= taken <= steps + len(stages)
+
+
+def test_shares_are_a_robots_worth_each():
+    config = TrainConfig(technique="smadrl", robots=8, fine_tune=0.2)
+    stages, left, budgets = plan_stages(config), 100_000, []
+    for number in range(len(stages)):
+        budgets.append(stage_budget(stages, number, left))
+        left -= budgets[-1]
+    assert budgets == [20_000, *[10_000] * 6, 20_000]
+    assert left == 0
+
+
+def rows(rewards):
+    return [SimpleNamespace(stage_step=100 * (i + 1), reward=reward) for i, reward in enumerate(rewards)]
+
+
+def test_a_stage_is_steady_once_its_return_stops_growing():
+    growing = [float(i) for i in range(10)]
+    level = [5.0] * 10
+    assert not is_steady(rows(growing), 1000, 0.01)
+    assert is_steady(rows(level), 1000, 0.01)
+    assert is_steady(rows([-9.0, -6.0, *[-5.0] * 4, *[-4.99] * 4]), 1000, 0.01)
+    # Not before three fifths, not with nothing to compare, and never where the rule is off.
+    assert not is_steady(rows(level[:5]), 1000, 0.01)
+    assert is_steady(rows(level[:6]), 1000, 0.01)
+    assert not is_steady([], 1000, 0.01)
+    assert not is_steady(rows(level), 1000, 0.0)
