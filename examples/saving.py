@@ -1,0 +1,45 @@
+"""Keep a team that you trained by yourself as a policy folder, for robosim evaluate, play and load_policy."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import robosim
+from robosim.control.card import TechniqueCard, TrainingCard, card_for
+from robosim.control.policy import save_policy
+from robosim.envs.vector import VectorEnv
+from robosim.learning.technique import Technique
+
+
+def save_team(
+    folder: Path,
+    weights: Mapping[str, NDArray[np.float32]],
+    env: VectorEnv,
+    technique: Technique,
+    *,
+    seed: int,
+    steps: int,
+    wall_time: float,
+) -> None:
+    """Write the policy folder of a team that learned in `env` for `steps` joint decisions and `wall_time` s.
+
+    `weights` are `layer0.weight` [networks, in, out], `layer0.bias` [networks, out] and so on: a network for
+    each robot, or one for all. ReLU follows every layer but the last, and a robot takes the action whose
+    output is largest. InputError if the shapes don't fit, or if `folder` holds anything but a policy.
+    """
+    training = TrainingCard(
+        command=shlex.join(sys.argv)[:2000],
+        seed=seed,
+        steps=steps,
+        wall_time=wall_time,
+        versions={"robosim": robosim.__version__, "torch": version("torch"), "numpy": version("numpy")},
+    )
+    save_policy(folder, weights, card_for(env, weights, TechniqueCard(**asdict(technique)), training))
