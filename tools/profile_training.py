@@ -1,0 +1,69 @@
+"""Where the time of a training goes: acting, the environments, updates, the rest.
+
+    python tools/profile_training.py [--robots 8] [--steps 20000] [--updates-per-step 0.25] [--arena paper]
+
+Processor time of the one thread that does it all; exploration has run down before the clock starts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from robosim.learning.config import TrainConfig
+from robosim.learning.training import Training
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--arena", default="paper")
+    parser.add_argument("--robots", type=int, default=8)
+    parser.add_argument("--steps", type=int, default=20_000)
+    parser.add_argument("--updates-per-step", type=float, default=0.25)
+    options = parser.parse_args()
+    training = Training(TrainConfig(**vars(options)))
+    while training.step < options.steps // 5:
+        training.advance()
+
+    spent: Counter[str] = Counter()
+
+    def timed(part: str, work: Callable[..., Any]) -> Callable[..., Any]:
+        def run(*arguments: Any) -> Any:
+            began = time.thread_time()
+            result = work(*arguments)
+            spent[part] += time.thread_time() - began
+            return result
+
+        return run
+
+    learner, env = training.learner, training.env
+    learner.act = timed("choosing actions", learner.act)  # type: ignore[method-assign]
+    learner.update = timed("updates", learner.update)  # type: ignore[method-assign]
+    learner.replay.add = timed("storing experience", learner.replay.add)  # type: ignore[method-assign]
+    env.step = timed("environments", env.step)  # type: ignore[method-assign]
+    for space in env.world.spaces:
+        space.advance = timed("of which bare Space.step", space.advance)  # type: ignore[method-assign]
+    before, decisions, updates = time.thread_time(), training.step, learner.updates
+    # Only to the end of the episode: the next one has new spaces.
+    while training.step < options.steps and env.steps_taken < env.episode_steps - 1:
+        training.advance()
+    total, decisions = time.thread_time() - before, training.step - decisions
+    solver = spent.pop("of which bare Space.step")
+    spent["the rest"] = total - sum(spent.values())
+    print(
+        f"{options.arena}, {options.robots} robots, {env.num_envs} environments, "
+        f"{(learner.updates - updates) / decisions:.2f} updates a joint decision: "
+        f"{1e6 * total / decisions:.0f} us a joint decision\n"
+    )
+    print("| part | us a joint decision | share |\n|---|---|---|")
+    for part, seconds in spent.most_common():
+        print(f"| {part} | {1e6 * seconds / decisions:.0f} | {seconds / total:.0%} |")
+        if part == "environments":
+            print(f"| - of which bare `Space.step` | {1e6 * solver / decisions:.0f} | {solver / total:.0%} |")
+
+
+if __name__ == "__main__":
+    main()
