@@ -1,0 +1,45 @@
+from rerun.chunk import RrdReader
+
+from robosim.cli.main import main
+
+TINY = [
+    "--steps", "240", "--num-envs", "2", "--episode-steps", "60", "--warmup", "40", "--hidden", "8", "8",
+    "--evaluation-episodes", "1", "--evaluation-steps", "20",
+]  # fmt: skip
+
+
+def test_a_run_records_playbacks_on_the_way(tmp_path, capsys):
+    folder = tmp_path / "run"
+    options = ["--record-every", "120", "--record-steps", "20", "--technique", "smadrl", "--robots", "3"]
+    assert main(["train", "--out", str(folder), *TINY, *options]) == 0
+    assert "240 joint decisions" in capsys.readouterr().out
+    recordings = sorted((folder / "recordings").iterdir())
+    assert [path.name for path in recordings] == ["000000000120.rrd", "000000000240.rrd"]
+    # After the first stage there are two robots, at the end three.
+    for path, robots in zip(recordings, (2, 3), strict=True):
+        entities = {str(chunk.entity_path) for chunk in RrdReader(str(path)).stream()}
+        named = {entity.split("/robots/")[1].split("/")[0] for entity in entities if "/robots/" in entity}
+        assert len(named) == robots, sorted(entities)
+
+
+def test_resume_takes_no_other_options_and_needs_a_run(tmp_path, capsys):
+    assert main(["train", "--resume", str(tmp_path), "--robots", "3"]) == 2
+    assert capsys.readouterr().err == (
+        "robosim: --resume goes on with a run as it was configured: --robots cannot be given with it.\n"
+    )
+    assert main(["train", "--resume", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == (
+        f"robosim: {tmp_path}: no run to resume: there is no config.toml in it.\n"
+    )
+
+
+def test_a_policy_to_start_from_must_exist_and_fit(tmp_path, capsys):
+    options = ["train", "--out", str(tmp_path / "run"), *TINY]
+    assert main([*options, "--start-from", "nobody"]) == 2
+    assert "no policy is named 'nobody'" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_device_that_is_not_there_is_a_sentence(tmp_path, capsys):
+    assert main(["train", "--out", str(tmp_path / "run"), *TINY, "--device", "tpu"]) == 2
+    assert capsys.readouterr().err == "robosim: device is 'tpu': it must be cpu, or cuda for a GPU.\n"
