@@ -303,7 +303,50 @@ def test_nothing_good_to_resume_is_a_sentence_each(tmp_path):
         assert sentence.startswith(f"{path}: not a whole checkpoint (")
 
 
-def test_a_folder_taken_away_or_a_full_disk_stops_the_run_with_a_sentence(tmp_path):
+def test_a_disk_that_is_full_ends_the_run_with_a_sentence_and_keeps_the_checkpoint_before(tmp_path):
+    folder = tmp_path / "run"
+    paths = interrupted(folder, replace(SHORT, steps=700, checkpoint_every=200))
+    # No file may be longer than half a checkpoint: to a program, that is a disk without room.
+    most = paths[0].stat().st_size // 2
+    program = (
+        "import resource, sys; from robosim.cli.main import main;"
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({most}, {most}));"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    command = [sys.executable, "-c", program, "train", "--resume", str(folder)]
+    stopped = subprocess.run(command, capture_output=True, text=True)
+    assert stopped.returncode == 2
+    assert stopped.stderr.startswith(f"robosim: {folder}/checkpoints/")
+    assert stopped.stderr.endswith(
+        "cannot be written: File too large; the checkpoint of decision 500 is kept.\n"
+    )
+    assert list_checkpoints(folder / "checkpoints") == paths
+    resume(folder, lambda row: None)
+    run(tmp_path / "whole", replace(SHORT, steps=700, checkpoint_every=200))
+    assert weights(folder) == weights(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("actions", ["cardinal", "wheels"])
+@pytest.mark.parametrize("encoding", ["paper", "expanded"])
+@pytest.mark.parametrize("technique", ["iql", "iql+g", "iql+gs", "smadrl"])
+def test_every_technique_trains_with_every_kind_of_action_and_observation(
+    tmp_path, technique, encoding, actions
+):
+    config = replace(SHORT, robots=3, technique=technique, encoding=encoding, actions=actions, steps=120)
+    result, rows = run(tmp_path / "run", config)
+    assert rows[-1].step >= 120
+    card = load_policy(tmp_path / "run").card
+    assert (card.technique.name, card.observation.encoding, card.actions) == (technique, encoding, actions)
+    assert card.observation.stigmergy is (technique in ("iql+gs", "smadrl"))
+    assert result.evaluation.robots == 3
+
+
+def test_sixteen_robots_train(tmp_path):
+    run(tmp_path / "run", replace(SHORT, robots=16, steps=60, warmup=20, evaluation_episodes=0))
+    assert load_policy(tmp_path / "run").card.robots == 16
+
+
+def test_a_folder_taken_away_stops_the_run_with_a_sentence(tmp_path):
     folder = tmp_path / "run"
     config = replace(CURRICULUM, checkpoint_every=200)
 
