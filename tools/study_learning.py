@@ -20,17 +20,16 @@ from robosim.learning.trainer import train
 
 VARIANTS: dict[str, tuple[dict[str, object], ...]] = {
     "default": ({},),
-    "updates_per_step": tuple({"updates_per_step": value} for value in (0.125, 0.5, 1.0, 2.0)),
-    "target_interval": tuple({"target_interval": value} for value in (25, 400, 1600)),
-    "replay_capacity": tuple({"replay_capacity": value} for value in (2000, 8000)),
+    "updates_per_step": tuple({"updates_per_step": value} for value in (0.125, 1.0)),
+    "target_interval": ({"target_interval": 400},),
+    "replay_capacity": ({"replay_capacity": 4000},),
     "pheromone_decay": tuple(
         {"pheromone_decay": value, "pheromone_reinforcement": value} for value in (0.02, 0.4)
     ),
-    "pheromone_radius": tuple({"pheromone_radius": value} for value in (1, 4)),
+    "pheromone_radius": ({"pheromone_radius": 1},),
     "stigmergy": ({"technique": "iql"},),
     "sharing": tuple({"technique": "iql+gs", "sharing": value} for value in ("copied", "split")),
     "encoding": ({"encoding": "paper"},),
-    "actions": ({"actions": "wheels"},),
 }
 
 

@@ -1,0 +1,56 @@
+"""Draw what teams delivered as they learned, from the metrics of one or more runs.
+
+python tools/plot_training.py RUN... --png training.png
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+from robosim.learning.config import read_config
+from robosim.learning.metrics import Metrics, read_metrics
+from robosim.learning.trainer import CONFIG_FILE, METRICS_FILE
+
+WINDOW = 20
+"""Rows of the metrics that a point is the mean of."""
+
+
+def curve(rows: list[Metrics]) -> tuple[np.ndarray, np.ndarray]:
+    """Return joint decisions and pellets in 1000 of them, smoothed."""
+    pellets = np.array([1000.0 * row.delivered / row.decisions for row in rows])
+    window = min(WINDOW, len(rows))
+    smooth = np.convolve(pellets, np.full(window, 1.0 / window), mode="valid")
+    return np.array([row.step for row in rows[window - 1 :]]), smooth
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("runs", type=Path, nargs="+")
+    parser.add_argument("--png", type=Path, default=Path("training.png"))
+    options = parser.parse_args()
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
+    for run in options.runs:
+        config, rows = read_config(run / CONFIG_FILE), read_metrics(run / METRICS_FILE)
+        label = f"{config.technique}, {config.robots} robots, seed {config.seed}"
+        (line,) = axes.plot(*curve(rows), label=label, linewidth=1.5)
+        begins = [row.step for before, row in zip(rows, rows[1:], strict=False) if row.stage != before.stage]
+        for step in begins:
+            axes.axvline(step, color=line.get_color(), alpha=0.35, linewidth=0.8, linestyle=":")
+    axes.set_xlabel("joint decisions")
+    axes.set_ylabel("pellets in 1000 decisions, exploration included")
+    axes.set_ylim(bottom=0.0)
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    figure.savefig(options.png, dpi=110)
+    print(f"{options.png}: {len(options.runs)} runs; dotted lines are where a newcomer joins")
+
+
+if __name__ == "__main__":
+    main()
