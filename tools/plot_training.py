@@ -6,6 +6,7 @@ python tools/plot_training.py RUN... --png training.png
 from __future__ import annotations
 
 import argparse
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib as mpl
@@ -40,7 +41,7 @@ def main() -> None:
         config, rows = read_config(run / CONFIG_FILE), read_metrics(run / METRICS_FILE)
         label = f"{config.technique}, {config.robots} robots, seed {config.seed}"
         (line,) = axes.plot(*curve(rows), label=label, linewidth=1.5)
-        begins = [row.step for before, row in zip(rows, rows[1:], strict=False) if row.stage != before.stage]
+        begins = [row.step for before, row in pairwise(rows) if row.stage != before.stage]
         for step in begins:
             axes.axvline(step, color=line.get_color(), alpha=0.35, linewidth=0.8, linestyle=":")
     axes.set_xlabel("joint decisions")
