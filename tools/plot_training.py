@@ -1,12 +1,14 @@
 """Draw what teams delivered as they learned, from the metrics of one or more runs.
 
 python tools/plot_training.py RUN... --png training.png
+
+Of a curriculum it also prints what the second half of each stage was like, exploration included.
 """
 
 from __future__ import annotations
 
 import argparse
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 
 import matplotlib as mpl
@@ -28,6 +30,17 @@ def curve(rows: list[Metrics]) -> tuple[np.ndarray, np.ndarray]:
     return np.array([row.step for row in rows[window - 1 :]]), smooth
 
 
+def print_stages(rows: list[Metrics]) -> None:
+    """Print pellets in 1000 decisions and the share of blocked robots, stage by stage."""
+    for name, group in groupby(rows, key=lambda row: row.stage):
+        stage = list(group)
+        half = [row for row in stage if row.stage_step > stage[-1].stage_step / 2]
+        decisions = sum(row.decisions for row in half)
+        pellets = 1000.0 * sum(row.delivered for row in half) / decisions
+        blocked = sum(row.blocked * row.decisions for row in half) / decisions
+        print(f"  {name:12} {stage[0].robots} robots  {pellets:5.1f} pellets/1000  {blocked:4.0%} blocked")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("runs", type=Path, nargs="+")
@@ -42,6 +55,9 @@ def main() -> None:
         label = f"{config.technique}, {config.robots} robots, seed {config.seed}"
         (line,) = axes.plot(*curve(rows), label=label, linewidth=1.5)
         begins = [row.step for before, row in pairwise(rows) if row.stage != before.stage]
+        if begins:
+            print(f"{run}:")
+            print_stages(rows)
         for step in begins:
             axes.axvline(step, color=line.get_color(), alpha=0.35, linewidth=0.8, linestyle=":")
     axes.set_xlabel("joint decisions")
