@@ -1,6 +1,6 @@
 """Draw what teams delivered as they learned, from the metrics of one or more runs.
 
-python tools/plot_training.py RUN... --png training.png
+    python tools/plot_training.py RUN... --png training.png
 
 Of a curriculum it also prints what the second half of each stage was like, exploration included.
 """

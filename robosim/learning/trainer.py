@@ -213,8 +213,10 @@ class _Run:
         training, config = self._training, self._training.config
         if self._record is None:
             return
-        controller = LearnedController(Policy(training.weights(), self._card()), str(self._folder))
-        env = make_env(config, 1, training.seed(EVALUATION_SEED), training.stage.robots, config.record_steps)
+        card = self._card()
+        controller = LearnedController(Policy(training.weights(), card), str(self._folder))
+        # Not the stage's robots: as a stage begins, its newcomer has learned nothing and has no part yet.
+        env = make_env(config, 1, training.seed(EVALUATION_SEED), card.robots, config.record_steps)
         (self._folder / RECORDINGS).mkdir(exist_ok=True)
         self._record(controller, env, self._folder / RECORDINGS / f"{training.step:012d}.rrd")
 
