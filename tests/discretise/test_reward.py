@@ -96,13 +96,14 @@ def test_along_a_run_a_pellet_pays_once_until_it_is_delivered() -> None:
         generation = [0] * run.arena.pellets.count
         held = run.start.held[env]
         for moment in run.moments:
+            # First, since a pellet can be taken in the decision in which it appears.
+            for pellet in np.flatnonzero(moment.fresh[env]).tolist():
+                generation[pellet] += 1
             for robot, pellet in enumerate(moment.held[env].tolist()):
                 if pellet >= 0 and held[robot] < 0:
                     taken += 1
                     trips.add((pellet, generation[pellet]))
             held = moment.held[env]
-            for pellet in np.flatnonzero(moment.fresh[env]).tolist():
-                generation[pellet] += 1
             delivered += int(moment.deliveries[env].sum())
         paid += len(trips)
         shaping = sum(
