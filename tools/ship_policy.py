@@ -30,7 +30,7 @@ from robosim.control.environment import environment_for
 from robosim.control.evaluate import evaluate
 from robosim.control.lanes import LanesController
 from robosim.control.learned import LearnedController
-from robosim.control.policy import find_policy, read_policy, save_policy
+from robosim.control.policy import find_policy, folder_size, read_policy, save_policy
 from robosim.errors import InputError
 
 MOST_BYTES = 1_500_000
@@ -164,11 +164,6 @@ def measure(
     result = evaluate(controller, env, episodes, seed)
     print(f"{summary(result)}\n  took {time.perf_counter() - start:.0f} s", flush=True)
     return result
-
-
-def folder_size(folder: Path) -> int:
-    """Return the bytes that the files of a folder hold."""
-    return sum(path.stat().st_size for path in folder.iterdir())
 
 
 def too_large(folder: Path) -> InputError:

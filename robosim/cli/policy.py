@@ -201,7 +201,9 @@ def _spread(evaluation: Evaluation) -> str:
 
 
 def _size(folder: Path) -> str:
-    return f"{sum(path.stat().st_size for path in folder.iterdir()) / 1e6:.2f} MB"
+    from robosim.control.policy import folder_size
+
+    return f"{folder_size(folder) / 1e6:.2f} MB"
 
 
 def _printable(text: str) -> str:

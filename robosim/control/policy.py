@@ -116,6 +116,11 @@ def policy_names() -> list[str]:
     return sorted(path.name for path in folder.iterdir() if (path / CARD_FILE).is_file())
 
 
+def folder_size(folder: Path) -> int:
+    """Return the bytes that the files of a policy folder hold."""
+    return sum(path.stat().st_size for path in folder.iterdir())
+
+
 def load_policy(name_or_path: str | Path) -> Policy:
     """Load a policy that ships, by name, or a policy or run folder, by path. Runs no code from it.
 

@@ -12,12 +12,10 @@ from robosim.discretise.observation import ObservationLayout, OwnState, write_ow
 from robosim.discretise.pheromone import PheromoneConfig, PheromoneMap
 from robosim.discretise.reward import RewardConfig, rewards
 from robosim.robot.drivers import STOP
-from robosim.world.state import PelletStatus, WorldState
+from robosim.world.state import LOOSE, WorldState
 
 TWO_PI = 2.0 * np.pi
-# Arrays compare with numpy's own scalars several times faster than with members of an enumeration.
 COLLISION = np.uint8(Mode.COLLISION)
-LOOSE = np.uint8(PelletStatus.LOOSE)
 BLOCKED_SHARE = 0.25
 """A robot that touches something and makes less than this share of its free motion is blocked."""
 SIGHT = 2.0

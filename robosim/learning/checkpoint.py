@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,11 +60,11 @@ def write_part(folder: Path, name: str, tensors: Mapping[str, Tensor]) -> None:
 def read_part(folder: Path, name: str) -> dict[str, Tensor]:
     """Return a part of the experience; InputError when it is missing or damaged."""
     path = folder / name
-    try:
-        with pa.CompressedInputStream(pa.OSFile(str(path)), "zstd") as stream:
-            return safetensors.torch.load(stream.read())
-    except (OSError, safetensors.SafetensorError, ValueError) as error:
-        raise InputError(f"{path}: not a whole part of a checkpoint ({_reason(error)}).") from None
+    with (
+        _whole(path, "part of a checkpoint"),
+        pa.CompressedInputStream(pa.OSFile(str(path)), "zstd") as stream,
+    ):
+        return safetensors.torch.load(stream.read())
 
 
 def list_checkpoints(folder: Path) -> list[Path]:
@@ -75,18 +76,31 @@ def list_checkpoints(folder: Path) -> list[Path]:
 
 def read_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint; InputError in one sentence when it is damaged."""
-    try:
-        data = path.read_bytes()
-        tensors = safetensors.torch.load(data)
-        length = int.from_bytes(data[:8], "little")
-        header = json.loads(json.loads(data[8 : 8 + length])["__metadata__"]["robosim"])
+    header = _read_header(path)
+    with _whole(path, "checkpoint"):
+        tensors = safetensors.torch.load(path.read_bytes())
+        return Checkpoint(int(header["step"]), tensors, dict(header["facts"]), tuple(header["parts"]))
+
+
+def _read_header(path: Path) -> dict[str, Any]:
+    """Return what of a checkpoint is no tensor, without reading the rest; errors as in `read_checkpoint`."""
+    # `safe_open` also finds a file that is longer or shorter than its tensors.
+    with _whole(path, "checkpoint"), safetensors.safe_open(path, "numpy") as file:
+        header: dict[str, Any] = json.loads(file.metadata()["robosim"])
         if header["format"] != FORMAT:
             raise InputError(f"{path}: its format is {header['format']!r}: this robosim reads {FORMAT}.")
-        return Checkpoint(int(header["step"]), tensors, dict(header["facts"]), tuple(header["parts"]))
+    return header
+
+
+@contextmanager
+def _whole(path: Path, what: str) -> Iterator[None]:
+    """Turn whatever shows that a file is no whole `what` into one sentence."""
+    try:
+        yield
     except InputError:
         raise
     except (OSError, safetensors.SafetensorError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: not a whole checkpoint ({_reason(error)}).") from None
+        raise InputError(f"{path}: not a whole {what} ({_reason(error)}).") from None
 
 
 def _reason(error: Exception) -> str:
@@ -111,7 +125,7 @@ def _tidy(folder: Path) -> None:
     needed: set[str] = set()
     for path in kept[:_KEPT]:
         try:
-            needed.update(read_checkpoint(path).parts)
+            needed.update(_read_header(path)["parts"])
         except InputError:
             # Damaged: whoever resumes is told; until then nothing is thrown away.
             return

@@ -181,7 +181,7 @@ class _Run:
                     if _passed(config.checkpoint_every, step, training.step):
                         self._save()
                     if self._record is not None and _passed(config.record_every, step, training.step):
-                        self._playback()
+                        self._playback(self._record)
                     if interrupted():
                         raise KeyboardInterrupt
             except KeyboardInterrupt:
@@ -209,16 +209,14 @@ class _Run:
     def _save_policy(self) -> None:
         save_policy(self._folder / RUN_POLICY, self._training.weights(), self._card())
 
-    def _playback(self) -> None:
+    def _playback(self, record: Record) -> None:
         training, config = self._training, self._training.config
-        if self._record is None:
-            return
         card = self._card()
         controller = LearnedController(Policy(training.weights(), card), str(self._folder))
         # Not the stage's robots: as a stage begins, its newcomer has learned nothing and has no part yet.
         env = make_env(config, 1, training.seed(EVALUATION_SEED), card.robots, config.record_steps)
         (self._folder / RECORDINGS).mkdir(exist_ok=True)
-        self._record(controller, env, self._folder / RECORDINGS / f"{training.step:012d}.rrd")
+        record(controller, env, self._folder / RECORDINGS / f"{training.step:012d}.rrd")
 
     def _card(self) -> PolicyCard:
         training = self._training

@@ -27,9 +27,8 @@ from robosim.learning.metrics import Metrics, MetricsLog, Sums
 from robosim.learning.networks import NetworkShape
 from robosim.learning.technique import find_technique
 
-ENV_SEED = 1
 EVALUATION_SEED = 2
-"""Children of the run's root seed; child 0 is the first learner's, and later stages take two each."""
+"""Child of the run's root seed; 0 and 1 serve the first stage, and later ones take two each."""
 
 
 class Training:
@@ -134,17 +133,15 @@ class Training:
             "wall_time": wall_time,
         }
         if not self.finished:
-            snapshot, replay = self.env.snapshot(), self.learner.replay
+            snapshot = self.env.snapshot()
             self._save_experience(folder)
             tensors |= self.loop.state()
             tensors["actions"] = torch.from_numpy(snapshot.actions)
             facts |= {
-                "budget": self.loop.budget,
                 "loop": self.loop.counters(),
                 "seeds": snapshot.seeds,
                 "episode": snapshot.episode,
                 "experience": self._saved,
-                "added": replay.added,
             }
         write_checkpoint(folder, Checkpoint(self.step, tensors, facts, tuple(n for _, _, n in self._saved)))
 
@@ -167,9 +164,9 @@ class Training:
         """
         try:
             self._restore(checkpoint.tensors, checkpoint.facts, folder)
+        except InputError:
+            raise
         except (KeyError, IndexError, TypeError, ValueError) as error:
-            if isinstance(error, InputError):
-                raise
             raise InputError(f"the checkpoint is not one of this run ({error!r}).") from error
         self.step = checkpoint.step
 
@@ -182,7 +179,6 @@ class Training:
             # The stage began when the run had taken this many decisions; its budget depends on that.
             self.step = sum(stage.steps for stage in self.ended)
             self._begin(len(self.ended))
-            self.loop.budget = int(facts["budget"])
             seeds, episode = tuple(map(int, facts["seeds"])), int(facts["episode"])
             snapshot = Snapshot(seeds, episode, tensors["actions"].numpy())
             self.loop.restore(tensors, facts["loop"], self.env.restore(snapshot))
@@ -269,8 +265,6 @@ def make_learner(
     )
     try:
         return StackedDoubleDQN(shape, settings, seed, config.device, config.precision)
-    except InputError:
-        raise
     except (RuntimeError, MemoryError) as error:
         raise InputError(
             f"replay_capacity is {config.replay_capacity}: {robots} robots with observations of "

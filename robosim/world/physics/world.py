@@ -14,7 +14,7 @@ from robosim.robot.kinematics import body_twist, slew, wrap_angle
 from robosim.world.contacts import ContactKind, no_contacts
 from robosim.world.physics.contacts import ContactLog, lasting, mark_touched, touching_pellets
 from robosim.world.physics.space import Draws, EpisodeSpace
-from robosim.world.state import Gripper, PelletStatus, WorldState
+from robosim.world.state import ABSENT, HELD, LOOSE, Gripper, WorldState
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -27,8 +27,6 @@ NOBODY = np.array(-1)
 """In place of a pellet, where there is none."""
 TINY = np.array(1e-300)
 """Keeps sin(x) / x defined at 0, and changes no other value of x."""
-# Arrays compare with numpy's own scalars several times faster than with members of an enumeration.
-LOOSE, HELD, ABSENT = (np.uint8(status) for status in PelletStatus)
 OPEN, TAKE = np.int8(Gripper.OPEN), np.int8(Gripper.TAKE)
 
 
