@@ -34,6 +34,8 @@ class Frame:
     """[pellets] 0 loose, 1 held, 2 absent (waiting for room in the source)."""
     delivered: NDArray[np.int64]
     """[robots] pellets delivered in this episode so far."""
+    energy: NDArray[np.float64]
+    """[robots] J lost at the wheels in this episode so far; 0 unless the world meters it."""
     density: float
     """Robots per tunnel cell of length, n / L."""
     pheromone: NDArray[np.float64]

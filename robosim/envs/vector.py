@@ -214,6 +214,7 @@ class VectorEnv:
             pellets=state.pellets[env],
             pellet_status=state.pellet_status[env],
             delivered=self.delivered[env],
+            energy=world.wheel_energy[env],
             density=float(dec.density[env]),
             pheromone=dec.pheromone.occupancy[env],
             contacts=contacts if self.num_envs == 1 else contacts.of_env(env),

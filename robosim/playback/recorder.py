@@ -9,11 +9,11 @@ from pathlib import Path
 import rerun as rr
 
 from robosim.arena.model import Arena
+from robosim.envs.columns import FrameColumns
 from robosim.envs.frame import Frame
 from robosim.playback import entities
 from robosim.playback.blueprint import make_blueprint
 from robosim.playback.file import recording_file, require_space
-from robosim.playback.frames import FrameColumns
 from robosim.playback.scene import send_scene
 from robosim.playback.writer import FrameWriter
 

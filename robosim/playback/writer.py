@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Arena
 from robosim.discretise.modes import Mode
+from robosim.envs.columns import FrameColumns
 from robosim.playback import entities, palette
-from robosim.playback.changes import changed_rows, onsets
-from robosim.playback.frames import FrameColumns
+from robosim.playback.changes import changed_rows
 from robosim.playback.scene import level_of_occupancy
-from robosim.world.contacts import ContactKind
+from robosim.world.contacts import ContactKind, onsets
 from robosim.world.state import PelletStatus
 
 POSITION_GRID = 1e-3
@@ -135,7 +135,7 @@ class FrameWriter:
     def _write_contacts(self, frames: FrameColumns) -> None:
         # Bodies that only just touch pass nothing on: there is nothing to see.
         felt = frames.contact_impulse[: frames.contacts] > 0.0
-        count = np.bincount(_row_of_contact(frames)[felt], minlength=frames.rows)
+        count = np.bincount(frames.row_of_contact()[felt], minlength=frames.rows)
         touching = count > 0
         # A row with nothing in it takes the last contacts away once they are over.
         over = changed_rows(touching, np.array(self._touching)) & ~touching
@@ -172,7 +172,7 @@ class FrameWriter:
         ]
         columns = rr.TextLog.columns(text=text, level=["WARN"] * len(text))
         self._send(
-            entities.COLLISION_LOG, frames, _row_of_contact(frames)[new], columns, frames.contact_time[new]
+            entities.COLLISION_LOG, frames, frames.row_of_contact()[new], columns, frames.contact_time[new]
         )
 
     def _write_delivered(self, frames: FrameColumns) -> None:
@@ -208,10 +208,6 @@ class FrameWriter:
         sums = np.append(0.0, np.cumsum(team))
         mean = (sums[ends] - sums[starts]) / (ends - starts)
         self._send(entities.REWARD, frames, ends - 1, rr.Scalars.columns(scalars=mean))
-
-
-def _row_of_contact(frames: FrameColumns) -> NDArray[np.intp]:
-    return np.repeat(np.arange(frames.rows), frames.contact_count[: frames.rows])
 
 
 def _transforms(pose: NDArray[np.float64]) -> rr.ComponentColumnList:

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robosim.playback.changes import changed_rows, onsets
+from robosim.playback.changes import changed_rows
 
 
 @given(
@@ -17,26 +17,3 @@ def test_changed_rows_of_chunks_are_those_of_the_whole(values, cut):
     if cut > 0:
         second = changed_rows(values[cut:], values[cut - 1])
         assert changed_rows(values[:cut], None).tolist() + second.tolist() == whole
-
-
-@given(
-    st.lists(st.tuples(st.integers(0, 2), st.integers(0, 40)), max_size=20).map(
-        lambda events: sorted(events, key=lambda e: e[1])
-    ),
-    st.integers(0, 20),
-)
-def test_onsets_of_chunks_are_those_of_a_plain_loop(events, cut):
-    expected, last = [], {}
-    for pair, time in events:
-        expected.append(pair not in last or time - last[pair] > 5)
-        last[pair] = time
-    pairs = np.array([pair for pair, _ in events], dtype=np.int64)
-    times = np.array([float(time) for _, time in events])
-    remembered: dict[int, float] = {}
-    found = [
-        opens
-        for part in (slice(None, cut), slice(cut, None))
-        for opens in onsets(pairs[part], times[part], remembered, 5.0).tolist()
-    ]
-    assert found == expected
-    assert remembered == last

@@ -6,9 +6,9 @@ from rerun.chunk import RrdReader
 
 from robosim.arena import load_arena
 from robosim.discretise.modes import Mode
+from robosim.envs.columns import PHEROMONE_STEPS, ROWS
 from robosim.envs.frame import Frame
 from robosim.playback import palette, recording
-from robosim.playback.frames import PHEROMONE_STEPS, ROWS
 from robosim.playback.scene import level_of_occupancy, occupancy_of_level
 from robosim.playback.writer import HARD, HEADING_GRID, LOG_PAUSE, POSITION_GRID, REWARD_STEPS
 from robosim.world.contacts import Contacts
@@ -59,6 +59,7 @@ def _frames(arena):
                 pellets=pellets,
                 pellet_status=status,
                 delivered=delivered,
+                energy=np.zeros(ROBOTS),
                 density=density,
                 pheromone=rng.random((arena.rows, arena.columns)),
                 contacts=contacts,

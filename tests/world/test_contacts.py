@@ -4,10 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robosim.control.lanes import LanesController
 from robosim.envs.vector import VectorEnv
-from robosim.world.contacts import ContactKind, no_contacts
+from robosim.world.contacts import ContactKind, no_contacts, onsets
 from robosim.world.state import Gripper
 
 FORWARD, STOP = 0, 4
@@ -177,3 +179,26 @@ def test_contacts_come_in_an_order_of_their_own() -> None:
         seen += len(contacts.kind)
     assert seen > 1000
     assert len(no_contacts().kind) == 0
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 2), st.integers(0, 40)), max_size=20).map(
+        lambda events: sorted(events, key=lambda e: e[1])
+    ),
+    st.integers(0, 20),
+)
+def test_onsets_of_chunks_are_those_of_a_plain_loop(events, cut):
+    expected, last = [], {}
+    for pair, time in events:
+        expected.append(pair not in last or time - last[pair] > 5)
+        last[pair] = time
+    pairs = np.array([pair for pair, _ in events], dtype=np.int64)
+    times = np.array([float(time) for _, time in events])
+    remembered: dict[int, float] = {}
+    found = [
+        opens
+        for part in (slice(None, cut), slice(cut, None))
+        for opens in onsets(pairs[part], times[part], remembered, 5.0).tolist()
+    ]
+    assert found == expected
+    assert remembered == last

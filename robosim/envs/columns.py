@@ -1,4 +1,4 @@
-"""Frames kept as columns until they are written: one array a field, one row a decision."""
+"""Frames kept as columns until they are used: one array a field, one row a decision."""
 
 from __future__ import annotations
 
@@ -8,36 +8,40 @@ from numpy.typing import NDArray
 from robosim.envs.frame import Frame
 
 ROWS = 4000
-"""Decisions kept before they are written; bounds the memory of a recording."""
+"""Decisions kept before they are handed on; bounds the memory of a recording."""
 
 PHEROMONE_STEPS = 10
 """Decisions between two pictures of the pheromone map."""
 
 
 class FrameColumns:
-    """The last `ROWS` frames of a run, copied into arrays.
+    """The last frames of a run, at most `size`, copied into arrays; the first `rows` of each are valid.
 
     Contacts are flat: row i holds `contact_count[i]` of them, one after another.
     """
 
-    def __init__(self, robots: int, pellets: int, cells: tuple[int, int]) -> None:
+    def __init__(self, robots: int, pellets: int, cells: tuple[int, int], size: int = ROWS) -> None:
         self.rows = 0
-        self.step = np.empty(ROWS, dtype=np.int64)
-        self.time = np.empty(ROWS)
-        self.pose = np.empty((ROWS, robots, 3))
-        self.mode = np.empty((ROWS, robots), dtype=np.uint8)
-        self.laden = np.empty((ROWS, robots), dtype=np.bool_)
-        self.reward = np.empty((ROWS, robots), dtype=np.float32)
-        self.pellets = np.empty((ROWS, pellets, 2))
-        self.pellet_status = np.empty((ROWS, pellets), dtype=np.uint8)
-        self.delivered = np.empty((ROWS, robots), dtype=np.int64)
-        self.density = np.empty(ROWS)
+        self.size = size
+        pictures = -(-size // PHEROMONE_STEPS)
+        self.step = np.empty(size, dtype=np.int64)
+        self.time = np.empty(size)
+        self.pose = np.empty((size, robots, 3))
+        self.mode = np.empty((size, robots), dtype=np.uint8)
+        self.action = np.empty((size, robots), dtype=np.uint8)
+        self.laden = np.empty((size, robots), dtype=np.bool_)
+        self.reward = np.empty((size, robots), dtype=np.float32)
+        self.pellets = np.empty((size, pellets, 2))
+        self.pellet_status = np.empty((size, pellets), dtype=np.uint8)
+        self.delivered = np.empty((size, robots), dtype=np.int64)
+        self.energy = np.empty((size, robots))
+        self.density = np.empty(size)
         self.pictures = 0
-        self.picture_row = np.empty(ROWS // PHEROMONE_STEPS, dtype=np.int64)
-        self.pheromone = np.empty((ROWS // PHEROMONE_STEPS, *cells), dtype=np.float32)
+        self.picture_row = np.empty(pictures, dtype=np.int64)
+        self.pheromone = np.empty((pictures, *cells), dtype=np.float32)
         self.contacts = 0
-        self.contact_count = np.empty(ROWS, dtype=np.int64)
-        self._allocate_contacts(4 * ROWS)
+        self.contact_count = np.empty(size, dtype=np.int64)
+        self._allocate_contacts(4 * size)
 
     def add(self, frame: Frame) -> bool:
         """Copy a frame; return whether the columns are full and must be written before the next."""
@@ -46,11 +50,13 @@ class FrameColumns:
         self.time[row] = frame.time
         self.pose[row] = frame.pose
         self.mode[row] = frame.mode
+        self.action[row] = frame.action
         self.laden[row] = frame.laden
         self.reward[row] = frame.reward
         self.pellets[row] = frame.pellets
         self.pellet_status[row] = frame.pellet_status
         self.delivered[row] = frame.delivered
+        self.energy[row] = frame.energy
         self.density[row] = frame.density
         if row % PHEROMONE_STEPS == 0:
             self.picture_row[self.pictures] = row
@@ -58,12 +64,16 @@ class FrameColumns:
             self.pictures += 1
         self._add_contacts(frame)
         self.rows = row + 1
-        return self.rows == ROWS
+        return self.rows == self.size
 
     @property
     def nbytes(self) -> int:
         """Size of all arrays."""
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
+
+    def row_of_contact(self) -> NDArray[np.intp]:
+        """Return the row of each contact, [contacts]."""
+        return np.repeat(np.arange(self.rows), self.contact_count[: self.rows])
 
     def clear(self) -> None:
         """Forget the frames, keep the memory."""
