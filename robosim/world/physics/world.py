@@ -78,7 +78,7 @@ class PhysicsWorld:
         self.wheel_speeds: Floats = np.zeros((*shape, 2))
         """[envs, robots, 2] wheel speeds held in the last control period, rad/s."""
         self.wheel_energy: Floats = np.zeros(shape)
-        """[envs, robots] energy lost at the wheels in the episode so far, J; 0 unless `meter_wheels` asked."""
+        """[envs, robots] energy lost at the wheels in the episode so far, J; 0 without `meter_wheels`."""
         self._metered = False
         self._traction = np.zeros(shape)
         self._max_speed = np.zeros((*shape, 1))
