@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -13,7 +14,25 @@ if TYPE_CHECKING:
     from robosim.envs.vector import VectorEnv
 
 
-def evaluate(controller: Controller, env: VectorEnv, episodes: int, seed: int = 0) -> Evaluation:
+class Watch(Protocol):
+    """Sees every decision of an evaluation; the environment is to be read only."""
+
+    def begin(self, env: VectorEnv) -> None:
+        """Hear that a round of episodes has begun."""
+        ...
+
+    def step(self, env: VectorEnv) -> None:
+        """Hear that a decision has been taken in all of them."""
+        ...
+
+    def end(self, env: VectorEnv, wanted: int) -> None:
+        """Hear that they are over; the first `wanted` of them count."""
+        ...
+
+
+def evaluate(
+    controller: Controller, env: VectorEnv, episodes: int, seed: int = 0, watch: Sequence[Watch] = ()
+) -> Evaluation:
     """Run `episodes` whole episodes and return what the team delivered in each.
 
     They run `env.num_envs` at a time; surplus ones of the last round are left out. Equal arguments give
@@ -27,10 +46,16 @@ def evaluate(controller: Controller, env: VectorEnv, episodes: int, seed: int = 
         while len(delivered) < episodes:
             observation = env.reset(seed=None if delivered else seed)
             controller.reset(env)
+            for one in watch:
+                one.begin(env)
             collided = np.zeros(env.num_envs, dtype=np.int64)
             for _ in range(env.episode_steps):
                 observation = env.step(controller.act(env, observation)).observation
                 collided += env.dec_pomdp.collided.sum(axis=1)
+                for one in watch:
+                    one.step(env)
+            for one in watch:
+                one.end(env, min(env.num_envs, episodes - len(delivered)))
             delivered += [tuple(map(int, robots)) for robots in env.delivered]
             collisions += map(int, collided)
     finally:
