@@ -109,13 +109,15 @@ class VectorEnv:
         self.layout = ObservationLayout(encoding, stigmergy, actions, self.pheromone.radius)
         self.autoreset = autoreset
         self.seeds = self.seeds_from(seed)
+        self.reward_config = RewardConfig(kind=reward, sharing=sharing, signed_progress=signed_progress)
+        """What a decision pays."""
         self._world = PhysicsWorld(self.arena, self.robots, self.num_envs, actions)
         self._dec = DecPomdp(
             self.arena,
             self.robots,
             self.num_envs,
             self.layout,
-            RewardConfig(kind=reward, sharing=sharing, signed_progress=signed_progress),
+            self.reward_config,
             self.pheromone,
         )
         self.episode = -1
@@ -254,14 +256,19 @@ class VectorEnv:
             self.autoreset = autoreset
         return observation
 
-    def trajectory(self, env: int = 0) -> Trajectory:
-        """Return the current episode of one environment so far, as seed and actions."""
+    def trajectory(self, env: int = 0, *, policy: str = "") -> Trajectory:
+        """Return the current episode of one environment so far, as seed and actions; `policy` chose them."""
         return Trajectory(
             arena=self.arena.text,
             actions=self.layout.actions,
             seed=self.seeds[env],
             episode=self.episode,
             chosen=self._history[: self.steps_taken, env].copy(),
+            pheromone=self.pheromone,
+            reward=self.reward_config.kind,
+            sharing=self.reward_config.sharing,
+            signed_progress=self.reward_config.signed_progress,
+            policy=policy,
         )
 
     def seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:

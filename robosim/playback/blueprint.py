@@ -13,6 +13,9 @@ _PLAYBACK_FPS = 20.0
 _MODE_STEPS = 200
 """Decisions before and after the present one that the lanes of modes show."""
 
+_TRACK_SECONDS = 20.0
+"""How long a robot's track is seen, s."""
+
 _WIDE = 2.2
 """An arena this many times wider than high takes the whole width of the window."""
 
@@ -77,6 +80,19 @@ def _arena_view(arena: Arena) -> rrb.Spatial2DView:
         visual_bounds=rrb.VisualBounds2D(
             x_range=(-margin, width + margin), y_range=(-height - margin, margin)
         ),
+        overrides={entities.TRACKS: _last_seconds(arena, _TRACK_SECONDS)},
+    )
+
+
+def _last_seconds(arena: Arena, seconds: float) -> rrb.VisibleTimeRanges:
+    steps = round(seconds / arena.timing.decision_period)
+    spans = {
+        entities.STEP: rrb.TimeRangeBoundary.cursor_relative(seq=-steps),
+        entities.TIME: rrb.TimeRangeBoundary.cursor_relative(seconds=-seconds),
+    }
+    now = rrb.TimeRangeBoundary.cursor_relative()
+    return rrb.VisibleTimeRanges(
+        [rrb.VisibleTimeRange(timeline, start=start, end=now) for timeline, start in spans.items()]
     )
 
 

@@ -1,20 +1,32 @@
-"""One episode of a controller, recorded."""
+"""One episode recorded: of a controller as it drives, or of a trajectory as it runs again."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from robosim.control.controller import Controller
+from robosim.envs.replay import begun
+from robosim.envs.trajectory import Trajectory
 from robosim.envs.vector import VectorEnv
-from robosim.playback.recorder import recording
+from robosim.playback.recorder import Recorder, recording
+from robosim.playback.writer import REWARD_STEPS
 
 
 class OnStep(Protocol):
     """Hears of every decision."""
 
     def __call__(self, step: int, delivered: int) -> None: ...
+
+
+class Recorded(NamedTuple):
+    """What came of a recording."""
+
+    decisions: int
+    """Run, also those that no span asked for; fewer than asked for after an interrupt."""
+    delivered: int
+    """Pellets by then."""
 
 
 def record_episode(
@@ -24,25 +36,102 @@ def record_episode(
     *,
     about: Mapping[str, str] | None = None,
     on_step: OnStep | None = None,
-) -> int:
-    """Run a new episode of the first environment of `env` and record it to `path`; return its decisions.
+) -> Recorded:
+    """Run a new episode of the first environment of `env` and record it to `path`.
 
-    An interrupt (Ctrl-C) ends the episode early: what has been recorded is kept, and fewer decisions than
-    `env.episode_steps` are returned. Raises InputError before anything runs if `path` cannot be written.
-    `env` must have been made with `autoreset=False`, or the last frame would show the next episode.
+    An interrupt (Ctrl-C) ends the episode early: what has been recorded is kept. Raises InputError before
+    anything runs if `path` cannot be written. `env` must have been made with `autoreset=False`, or the last
+    frame would show the next episode.
     """
     if env.autoreset:
         raise ValueError("record_episode needs an environment with autoreset=False")
     with recording(path, env.arena, robots=env.robots, about=about) as recorder:
         observation = env.reset()
         controller.reset(env)
-        recorder.add(env.frame())
-        try:
-            while env.steps_taken < env.episode_steps:
-                observation = env.step(controller.act(env, observation)).observation
+
+        def decide() -> None:
+            nonlocal observation
+            observation = env.step(controller.act(env, observation)).observation
+
+        return _record(env, decide, recorder, [(0, env.episode_steps + 1)], on_step)
+
+
+def record_trajectory(
+    trajectory: Trajectory,
+    path: str | Path,
+    *,
+    about: Mapping[str, str] | None = None,
+    spans: Sequence[tuple[int, int]] | None = None,
+    on_step: OnStep | None = None,
+    source: str = "trajectory",
+) -> Recorded:
+    """Run `trajectory` again and record it to `path`, in the detail of a recording made live.
+
+    `spans` are the decisions to record, each from a first one up to, not including, a last; without them
+    all are. Decision 0 is the start, and `len(trajectory.chosen)` the last. Spans may overlap and reach
+    beyond the end; `widened` says which decisions are taken in beside them. Nothing runs after the last span.
+    Between them the picture stands still, and the lanes of modes are empty.
+
+    An interrupt (Ctrl-C) ends the run early: what has been recorded is kept. Raises InputError before
+    anything runs if `path` cannot be written or the trajectory cannot be run; `source` is what the error
+    calls it. ValueError for a span that is empty or begins before 0.
+    """
+    wanted = widened(spans, len(trajectory.chosen))
+    env = begun(trajectory, source)
+    with recording(path, env.arena, robots=env.robots, about=about) as recorder:
+
+        def decide() -> None:
+            env.step(trajectory.chosen[env.steps_taken][None])
+
+        return _record(env, decide, recorder, wanted, on_step)
+
+
+def widened(spans: Sequence[tuple[int, int]] | None, decisions: int) -> list[tuple[int, int]]:
+    """Return the half-open spans of decisions that are recorded for `spans`, in order and apart.
+
+    Each begins and ends at a multiple of `REWARD_STEPS`, or with the run: so the pheromone map and the
+    rewards, which are written every few decisions, are written as in a recording of all. All of the run,
+    0 to `decisions` and both included, for None. ValueError for a span that is empty or begins before 0.
+    """
+    end_of_run = decisions + 1
+    merged: list[tuple[int, int]] = []
+    for start, end in sorted([(0, end_of_run)] if spans is None else spans):
+        if not 0 <= start < end:
+            raise ValueError(f"span ({start}, {end}): it must begin at 0 or later, and end after that")
+        if start >= end_of_run:
+            continue
+        start -= start % REWARD_STEPS
+        end = min(end + -end % REWARD_STEPS, end_of_run)
+        if merged and start <= merged[-1][1]:
+            merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
+        else:
+            merged.append((start, end))
+    return merged
+
+
+def _record(
+    env: VectorEnv,
+    decide: Callable[[], None],
+    recorder: Recorder,
+    spans: Sequence[tuple[int, int]],
+    on_step: OnStep | None,
+) -> Recorded:
+    def run_to(step: int, *, recorded: bool) -> None:
+        while env.steps_taken < step:
+            decide()
+            if recorded:
                 recorder.add(env.frame())
-                if on_step is not None:
-                    on_step(env.steps_taken, int(env.delivered[0].sum()))
-        except KeyboardInterrupt:
-            pass
-    return env.steps_taken
+            if on_step is not None:
+                on_step(env.steps_taken, int(env.delivered[0].sum()))
+
+    try:
+        for start, end in spans:
+            run_to(start - 1, recorded=False)
+            if start == 0:
+                recorder.add(env.frame())
+            run_to(end - 1, recorded=True)
+            if end <= env.episode_steps:
+                recorder.pause()
+    except KeyboardInterrupt:
+        pass
+    return Recorded(env.steps_taken, int(env.delivered[0].sum()))

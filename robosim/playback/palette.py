@@ -66,7 +66,12 @@ ROBOTS: tuple[Colour, ...] = (
     (205, 205, 70),
     (70, 205, 215),
 )
-"""One colour a robot in the plots, over again beyond ten."""
+"""One colour a robot in the plots and tracks, over again beyond ten."""
+
+
+def robot_colours(robots: int) -> list[Colour]:
+    """Return the colour of each robot's line and track."""
+    return [ROBOTS[robot % len(ROBOTS)] for robot in range(robots)]
 
 
 def legend() -> list[Style]:

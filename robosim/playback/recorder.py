@@ -26,6 +26,7 @@ class Recorder:
         self._folder = folder
         self._frames = frames
         self._last_step = -1
+        self._pauses: list[int] = []
 
     def add(self, frame: Frame) -> None:
         """Record a frame. Raises ValueError unless its step comes after the last one's."""
@@ -41,8 +42,17 @@ class Recorder:
         """Hand what has been added to the file's writer; raises OSError if the disk has no room for it."""
         # In memory it is larger than in the file.
         require_space(self._folder, self._frames.nbytes)
-        self._writer.write(self._frames)
+        self._writer.write(self._frames, self._pauses)
         self._frames.clear()
+        self._pauses.clear()
+
+    def pause(self) -> None:
+        """Say that the next frame, if there is one, does not follow at once.
+
+        Until then the picture stands still, the lanes of modes are empty, and no event is told.
+        """
+        if self._last_step >= 0:
+            self._pauses.append(self._frames.rows)
 
 
 @contextlib.contextmanager
@@ -86,6 +96,7 @@ _HOW_TO_READ = """## How to read it
 - A robot is drawn to scale, white line forward, two fingers where it grips. The fill is its mode, as in the
   legend and in the lanes below the arena. An orange outline says that it carries a pellet.
 - Violet cells: pheromone, the darker the more often visited of late.
+- Small dots: where each robot was in the last 20 s, one a decision, in its colour in the plots.
 - Discs where bodies touch: the larger, the greater the impulse.
 - Drag in a plot, in the lanes, or in the time line below to move through the run; click an event to jump
   to it.

@@ -11,7 +11,8 @@ from robosim.playback import entities, palette
 from robosim.playback.shapes import Strip, body_strips, gripper, outline, wall_edges
 
 # Lower is drawn first; rerun's own defaults put images under lines under points.
-_MAP, _PHEROMONE, _EDGE, _PELLET, _ROBOT, _MARK, _CONTACT = -30.0, -20.0, 0.0, 10.0, 20.0, 30.0, 40.0
+_MAP, _PHEROMONE, _EDGE, _TRACK, _PELLET = -30.0, -20.0, 0.0, 5.0, 10.0
+_ROBOT, _MARK, _CONTACT = 20.0, 30.0, 40.0
 
 PHEROMONE_LEVELS = 64
 """Shades of the pheromone map; level 0 is not drawn."""
@@ -21,14 +22,14 @@ _CONTRAST = 3.0
 
 def send_scene(stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
     """Send everything that does not change: arena, robot shapes, legend, styles of the plots."""
-    _send_arena(stream, arena)
+    _send_arena(stream, arena, robots)
     for robot in range(robots):
         _send_robot(stream, arena, robot)
     _send_legend(stream)
     _send_series(stream, robots)
 
 
-def _send_arena(stream: rr.RecordingStream, arena: Arena) -> None:
+def _send_arena(stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
     # rerun's y points down and ours up; the 2D view shows the arena from its parent.
     stream.log(entities.ARENA, rr.Transform3D(scale=[1.0, -1.0, 1.0]), static=True)
     cell_to_metres = rr.Transform3D(scale=[arena.cell_size, arena.cell_size, 1.0])
@@ -68,6 +69,15 @@ def _send_arena(stream: rr.RecordingStream, arena: Arena) -> None:
             rr.Points2D.from_fields(colors=style.colour, radii=arena.pellets.radius, draw_order=_PELLET),
             static=True,
         )
+    stream.log(
+        entities.TRACKS,
+        rr.Points2D.from_fields(
+            colors=palette.robot_colours(robots),
+            radii=0.07 * arena.robot.width,
+            draw_order=_TRACK,
+        ),
+        static=True,
+    )
     kinds = [rr.AnnotationInfo(kind, style.label, style.colour) for kind, style in palette.CONTACTS.items()]
     stream.log(entities.CONTACTS, rr.AnnotationContext(kinds), static=True)
     stream.log(
@@ -149,7 +159,7 @@ def _send_series(stream: rr.RecordingStream, robots: int) -> None:
         stream.log(path, lines, static=True)
     each = rr.SeriesLines(
         names=[f"robot {robot}" for robot in range(robots)],
-        colors=[palette.ROBOTS[robot % len(palette.ROBOTS)] for robot in range(robots)],
+        colors=palette.robot_colours(robots),
         interpolation_mode="StepAfter",
     )
     stream.log(entities.DELIVERED_BY_ROBOT, each, static=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,8 @@ POSITION_GRID = 1e-3
 """A body is written again when a coordinate moved to another step of this grid, m."""
 HEADING_GRID = 5e-3
 """The same for a heading, rad."""
+TRACK_GRID = 0.05
+"""Tracks are drawn on a grid of this share of a robot's width; places that come again cost little."""
 REWARD_STEPS = 20
 """Decisions between two points of the reward plot; each is the mean of as many."""
 HARD = 0.5
@@ -42,22 +44,48 @@ class FrameWriter:
         self._shape = (arena.rows, arena.columns)
         self._before: dict[str, NDArray[Any]] = {}
         self._touching = False
+        self._last_step = -1
+        self._paused = False
+        self._lane_ends = np.empty(0, dtype=np.int64)
+        self._anew = np.empty(0, dtype=np.intp)
+        self._period = arena.timing.decision_period
         self._last_hard: dict[int, float] = {}
         sheet = arena.robot
         self._stopping_impulse = sheet.mass * sheet.top_speed
         self._contact_radius = 0.12 * sheet.width
+        self._track_grid = TRACK_GRID * sheet.width
 
-    def write(self, frames: FrameColumns) -> None:
-        """Write all rows of `frames`."""
+    def write(self, frames: FrameColumns, pauses: Sequence[int] = ()) -> None:
+        """Write all rows of `frames`.
+
+        `pauses` are the rows, in order, before which (or after the last of which) a pause lies: the lanes of
+        modes are empty there, and no event is told of what happened meanwhile.
+        """
+        self._note_pauses(frames, pauses)
+        for robot in range(self._robots):
+            self._write_mode(frames, robot)
         if frames.rows == 0:
             return
         self._write_robots(frames)
+        self._write_tracks(frames)
         self._write_pellets(frames)
         self._write_pheromone(frames)
         self._write_contacts(frames)
         self._write_collision_log(frames)
         self._write_delivered(frames)
         self._write_plots(frames)
+
+    def _note_pauses(self, frames: FrameColumns, pauses: Sequence[int]) -> None:
+        """Find where lanes end, and which rows come after a pause."""
+        self._lane_ends = np.array(
+            [(frames.step[row - 1] if row else self._last_step) + 1 for row in pauses], dtype=np.int64
+        )
+        after = [0, *pauses] if self._paused else pauses
+        self._anew = np.array([row for row in after if row < frames.rows], dtype=np.intp)
+        if frames.rows:
+            self._last_step = int(frames.step[frames.rows - 1])
+            self._paused = False
+        self._paused |= frames.rows in pauses
 
     def _send(
         self,
@@ -67,18 +95,28 @@ class FrameWriter:
         columns: Iterable[rr.ComponentColumn],
         time: NDArray[np.float64] | None = None,
     ) -> None:
-        seconds = frames.time[rows] if time is None else time
+        self._send_at(path, frames.step[rows], frames.time[rows] if time is None else time, columns)
+
+    def _send_at(
+        self,
+        path: str,
+        step: NDArray[np.int64],
+        time: NDArray[np.float64],
+        columns: Iterable[rr.ComponentColumn],
+    ) -> None:
         # Rounded here, since rerun cuts what is below a nanosecond off.
-        nanoseconds = np.rint(seconds * 1e9).astype("timedelta64[ns]")
+        nanoseconds = np.rint(time * 1e9).astype("timedelta64[ns]")
         times = [
-            rr.TimeColumn(entities.STEP, sequence=frames.step[rows]),
+            rr.TimeColumn(entities.STEP, sequence=step),
             rr.TimeColumn(entities.TIME, duration=nanoseconds),
         ]
         rr.send_columns(path, times, columns, recording=self._stream)
 
-    def _new_rows(self, key: str, values: NDArray[Any], *, last: bool = False) -> NDArray[np.intp]:
+    def _new_rows(
+        self, key: str, values: NDArray[Any], *, also: NDArray[np.intp] | Sequence[int] = ()
+    ) -> NDArray[np.intp]:
         changed = changed_rows(values, self._before.get(key))
-        changed[-1] |= last
+        changed[np.asarray(also, dtype=np.intp)] = True
         rows = np.flatnonzero(changed)
         self._before[key] = values[-1].copy()
         return rows
@@ -92,10 +130,8 @@ class FrameWriter:
             if len(rows):
                 self._send(path, frames, rows, _transforms(pose[rows, robot]))
             mode = frames.mode[: frames.rows, robot]
-            rows = self._new_rows(entities.mode(robot), mode)
+            rows = self._new_rows(f"{path}/body", mode)
             if len(rows):
-                states = rr.StateChange.columns(state=_MODE_LABELS[mode[rows]])
-                self._send(entities.mode(robot), frames, rows, states)
                 colours = rr.LineStrips2D.columns(colors=_MODE_COLOURS[mode[rows]])
                 self._send(f"{path}/body", frames, rows, colours)
             laden = frames.laden[: frames.rows, robot]
@@ -104,6 +140,29 @@ class FrameWriter:
                 held = np.array([palette.OUTLINE, palette.HELD_PELLET.colour], dtype=np.uint8)
                 colours = rr.LineStrips2D.columns(colors=held[laden[rows].astype(np.intp)])
                 self._send(f"{path}/outline", frames, rows, colours)
+
+    def _write_mode(self, frames: FrameColumns, robot: int) -> None:
+        path, ends = entities.mode(robot), self._lane_ends
+        mode = frames.mode[: frames.rows, robot]
+        rows = self._new_rows(path, mode, also=self._anew) if frames.rows else np.empty(0, dtype=np.intp)
+        if len(rows) + len(ends) == 0:
+            return
+        # A row with nothing in it ends a lane; of two rows at one time the later counts.
+        step = np.concatenate([ends, frames.step[rows]])
+        time = np.concatenate([ends * self._period, frames.time[rows]])
+        order = np.argsort(step, kind="stable")
+        count = np.repeat([0, 1], [len(ends), len(rows)])[order]
+        states = rr.StateChange.columns(state=_MODE_LABELS[mode[rows]]).partition(count)
+        self._send_at(path, step[order], time[order], states)
+
+    def _write_tracks(self, frames: FrameColumns) -> None:
+        # All robots in one entity: a row for each robot alone would cost more than its place.
+        on_grid = np.rint(frames.pose[: frames.rows, :, :2] * (1 / self._track_grid)).astype(np.int32)
+        rows = self._new_rows(entities.TRACKS, on_grid)
+        if len(rows):
+            places = (on_grid[rows].reshape(-1, 2) * self._track_grid).astype(np.float32)
+            columns = rr.Points2D.columns(positions=places).partition(np.full(len(rows), self._robots))
+            self._send(entities.TRACKS, frames, rows, columns)
 
     def _write_pellets(self, frames: FrameColumns) -> None:
         places = frames.pellets[: frames.rows]
@@ -178,15 +237,16 @@ class FrameWriter:
     def _write_delivered(self, frames: FrameColumns) -> None:
         delivered = frames.delivered[: frames.rows]
         before = self._before.get(entities.DELIVERED)
-        rows = self._new_rows(entities.DELIVERED, delivered, last=True)
+        rows = self._new_rows(entities.DELIVERED, delivered, also=[-1])
         total = delivered.sum(axis=1)
         self._send(
             entities.DELIVERED, frames, rows, rr.Scalars.columns(scalars=total[rows].astype(np.float64))
         )
         each = rr.Scalars.columns(scalars=delivered[rows].astype(np.float64))
         self._send(entities.DELIVERED_BY_ROBOT, frames, rows, each)
-        first = np.zeros((1, self._robots), dtype=np.int64) if before is None else before[None]
-        gained = np.diff(delivered, axis=0, prepend=first)
+        gained = np.diff(delivered, axis=0, prepend=delivered[:1] if before is None else before[None])
+        # What was delivered during a pause is counted, not told.
+        gained[self._anew] = 0
         at, who = np.nonzero(gained > 0)
         if len(at) == 0:
             return
@@ -200,10 +260,11 @@ class FrameWriter:
     def _write_plots(self, frames: FrameColumns) -> None:
         # A line ends where the run ends, so its last row is written even when it says nothing new.
         density = frames.density[: frames.rows]
-        rows = self._new_rows(entities.DENSITY, density, last=True)
+        rows = self._new_rows(entities.DENSITY, density, also=[-1])
         self._send(entities.DENSITY, frames, rows, rr.Scalars.columns(scalars=density[rows]))
         ends = np.append(np.arange(REWARD_STEPS, frames.rows, REWARD_STEPS), frames.rows)
-        starts = np.maximum(ends - REWARD_STEPS, 0)
+        first = np.append(0, self._anew)
+        starts = np.maximum(ends - REWARD_STEPS, first[np.searchsorted(first, ends) - 1])
         team = frames.reward[: frames.rows].mean(axis=1, dtype=np.float64)
         sums = np.append(0.0, np.cumsum(team))
         mean = (sums[ends] - sums[starts]) / (ends - starts)

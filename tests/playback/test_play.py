@@ -1,10 +1,14 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
 from robosim.cli.main import main
+from robosim.envs.trajectory import load_trajectory
+from robosim.envs.vector import VectorEnv
+from tests.playback.reading import Reading, plain
 
 
 def test_play_records_and_says_how_to_open_it(tmp_path, capsys):
@@ -47,6 +51,14 @@ def test_recordings_pass_the_viewers_own_check(tmp_path):
         (["--save", "run.mp4"], "Recording 'run.mp4': the file name must end in .rrd"),
         (["--steps", "0"], "--steps is 0: it must be at least 1."),
         (["--seed", "-1"], "--seed is -1: it must not be negative."),
+        (
+            ["--save-trajectory", "nowhere/run.npz"],
+            "nowhere/run.npz: cannot be written: No such file or directory.",
+        ),
+        (
+            ["--save-trajectory", "run.rrd"],
+            "run.rrd: cannot be written: the name of a trajectory's file must end in .npz.",
+        ),
         (["--robots", "0"], "robots: 0 is not allowed"),
         (["--arena", "papr"], "paper"),
     ],
@@ -58,3 +70,188 @@ def test_wrong_input_is_a_sentence_and_leaves_no_file(tmp_path, monkeypatch, cap
     assert sentence in complaint
     assert complaint.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    """A folder with a run as live.rrd and as run.npz."""
+    folder = tmp_path_factory.mktemp("played")
+    command = ["play", "lanes", "--robots", "4", "--steps", "120", "--seed", "6"]
+    saved = ["--save", str(folder / "live.rrd"), "--save-trajectory", str(folder / "run.npz")]
+    assert main([*command, *saved]) == 0
+    return folder
+
+
+def test_a_saved_trajectory_plays_again_as_the_run_did(tmp_path, capsys, played):
+    path, run = tmp_path / "again.rrd", played / "run.npz"
+    assert main(["play", str(run), "--save", str(path)]) == 0
+    live, again = Reading(played / "live.rrd"), Reading(path)
+    delivered = live.rows["/plots/delivered"]["Scalars:scalars"][-1][0]
+    assert delivered > 0
+    printed = capsys.readouterr().out
+    assert f"{path}: 120 decisions, {delivered:.0f} pellets, " in printed
+    assert again.rows.keys() == live.rows.keys()
+    for entity, rows in again.rows.items():
+        assert plain(rows) == plain(live.rows[entity]), entity
+    about = again.static["/__properties/robosim"]
+    trajectory = load_trajectory(run)
+    assert (about["policy"], about["trajectory"]) == (["lanes"], ["run.npz"])
+    assert (about["environment_seed"], about["episode"]) == ([str(trajectory.seed)], ["0"])
+    assert about["arena_file"] == live.static["/__properties/robosim"]["arena_file"]
+
+
+def test_where_a_trajectory_lies_is_told_when_it_is_saved(tmp_path, capsys):
+    run = tmp_path / "run.npz"
+    command = ["play", "random", "--robots", "2", "--steps", "5", "--save", str(tmp_path / "run.rrd")]
+    assert main([*command, "--save-trajectory", str(run)]) == 0
+    assert f"run it again with: robosim play {run}\n" in capsys.readouterr().out
+    trajectory = load_trajectory(run)
+    assert (trajectory.chosen.shape, trajectory.policy) == ((5, 2), "random")
+
+
+def test_steps_cut_a_trajectory(tmp_path, played, capsys):
+    path = tmp_path / "again.rrd"
+    assert main(["play", str(played / "run.npz"), "--steps", "30", "--save", str(path)]) == 0
+    assert f"{path}: 30 decisions, 0 pellets, " in capsys.readouterr().out
+    live, again = Reading(played / "live.rrd"), Reading(path)
+    steps = np.arange(31)
+    for entity, name in [
+        ("/arena/robots/3", "Transform3D:translation"),
+        ("/arena/pellets/loose", "Points2D:positions"),
+    ]:
+        assert again.shown(entity, name, steps) == live.shown(entity, name, steps)
+        assert again.rows[entity]["step"].max() <= 30
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--arena", "paper"], "--arena cannot be given with {run}: a trajectory runs again just as it was."),
+        (["--robots", "4"], "--robots cannot be given with {run}: a trajectory runs again just as it was."),
+        (["--seed", "0"], "--seed cannot be given with {run}: a trajectory runs again just as it was."),
+        (
+            ["--save-trajectory", "other.npz"],
+            "--save-trajectory cannot be given with {run}: a trajectory runs again just as it was.",
+        ),
+        (["--steps", "121"], "--steps is 121: {run} holds 120 decisions."),
+        (["--steps", "0"], "--steps is 0: it must be at least 1."),
+        (["--save", "run.mp4"], "Recording 'run.mp4': the file name must end in .rrd, the viewer's format."),
+    ],
+)
+def test_what_makes_no_sense_with_a_trajectory_is_refused(
+    tmp_path, monkeypatch, capsys, played, options, sentence
+):
+    monkeypatch.chdir(tmp_path)
+    run = played / "run.npz"
+    assert main(["play", str(run), *options]) == 2
+    assert capsys.readouterr().err == f"robosim: {sentence.format(run=run)}\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_that_cannot_be_written_is_told_before_the_trajectory_runs(tmp_path, capsys, played):
+    path = tmp_path / "nowhere" / "run.rrd"
+    assert main(["play", str(played / "run.npz"), "--save", str(path)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith(f"robosim: Recording {str(path)!r}: cannot be written (No such file")
+    assert captured.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def _truncated(source, target):
+    content = source.read_bytes()
+    target.write_bytes(content[: len(content) // 2])
+
+
+def _damaged(source, target):
+    content = bytearray(source.read_bytes())
+    place = content.index(b"chosen.npy") + 60
+    content[place : place + 20] = bytes(20)
+    target.write_bytes(content)
+
+
+def _foreign(source, target):
+    np.savez(target, weights=np.zeros(3))
+
+
+def _another_arena(source, target):
+    _changed(source, target, arena=np.frombuffer(b"=", dtype=np.uint8))
+
+
+def _too_many_robots(source, target):
+    _changed(source, target, chosen=np.zeros((3, 99), dtype=np.uint8))
+
+
+def _empty(source, target):
+    _changed(source, target, chosen=np.zeros((0, 4), dtype=np.uint8))
+
+
+def _fast_pheromone(source, target):
+    _changed(source, target, pheromone=np.array([3.0, 0.1, 0.0, 0.0, 2.0]))
+
+
+def _changed(source, target, **changes):
+    with np.load(source) as file:
+        np.savez(target, **{**file, **changes})
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (lambda source, target: None, "cannot be read (No such file or directory)."),
+        (lambda source, target: target.mkdir(), "cannot be read (Is a directory)."),
+        (lambda source, target: target.write_text("hello"), "is no trajectory (File is not a zip file)."),
+        (_truncated, "is no trajectory (File is not a zip file)."),
+        (_damaged, "is no trajectory ("),
+        (_foreign, "is no trajectory; it lacks format."),
+        (_another_arena, "this is not TOML"),
+        (_too_many_robots, "robots: 99 is not allowed; allowed are whole numbers from 1 to "),
+        (_empty, "it holds no decisions."),
+        (_fast_pheromone, "pheromone.decay: 3.0 is not allowed; allowed are numbers from 1e-06 to 1."),
+    ],
+)
+def test_a_file_that_cannot_be_played_is_a_sentence(tmp_path, monkeypatch, capsys, played, spoil, sentence):
+    monkeypatch.chdir(tmp_path)
+    spoil(played / "run.npz", tmp_path / "bad.npz")
+    assert main(["play", "bad.npz"]) == 2
+    complaint = capsys.readouterr().err
+    assert complaint.startswith(f"robosim: bad.npz: {sentence}")
+    assert complaint.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} <= {"bad.npz"}
+
+
+def _interrupt_at(monkeypatch, decision):
+    """Stand for a person who presses Ctrl-C in this decision."""
+    step = VectorEnv.step
+
+    def interrupted(env, actions):
+        if env.steps_taken == decision:
+            raise KeyboardInterrupt
+        return step(env, actions)
+
+    monkeypatch.setattr(VectorEnv, "step", interrupted)
+
+
+def test_an_interrupted_run_keeps_recording_and_trajectory(tmp_path, monkeypatch, capsys):
+    path, run = tmp_path / "run.rrd", tmp_path / "run.npz"
+    _interrupt_at(monkeypatch, 7)
+    command = ["play", "lanes", "--robots", "2", "--steps", "20", "--save", str(path)]
+    assert main([*command, "--save-trajectory", str(run)]) == 130
+    captured = capsys.readouterr()
+    assert f"{path}: 7 decisions, 0 pellets, " in captured.out
+    assert captured.err == "robosim: interrupted\n"
+    assert Reading(path).rows["/plots/delivered"]["step"].tolist() == [0, 7]
+    assert load_trajectory(run).chosen.shape == (7, 2)
+
+
+def test_a_trajectory_interrupted_as_it_plays_again_is_kept_as_far_as_it_came(
+    tmp_path, monkeypatch, capsys, played
+):
+    path = tmp_path / "again.rrd"
+    _interrupt_at(monkeypatch, 11)
+    assert main(["play", str(played / "run.npz"), "--save", str(path)]) == 130
+    captured = capsys.readouterr()
+    assert f"{path}: 11 decisions, 0 pellets, " in captured.out
+    assert captured.err == "robosim: interrupted\n"
+    assert Reading(path).rows["/plots/delivered"]["step"].tolist() == [0, 11]
+    assert list(tmp_path.iterdir()) == [path]

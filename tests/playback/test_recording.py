@@ -10,8 +10,16 @@ from robosim.envs.columns import PHEROMONE_STEPS, ROWS
 from robosim.envs.frame import Frame
 from robosim.playback import palette, recording
 from robosim.playback.scene import level_of_occupancy, occupancy_of_level
-from robosim.playback.writer import HARD, HEADING_GRID, LOG_PAUSE, POSITION_GRID, REWARD_STEPS
+from robosim.playback.writer import (
+    HARD,
+    HEADING_GRID,
+    LOG_PAUSE,
+    POSITION_GRID,
+    REWARD_STEPS,
+    TRACK_GRID,
+)
 from robosim.world.contacts import Contacts
+from tests.playback.reading import Reading, plain
 
 ROBOTS = 3
 STEPS = ROWS + 150
@@ -68,42 +76,11 @@ def _frames(arena):
     return frames
 
 
-class Recorded:
-    """What a file holds, by entity path: changing rows in the order of time, and static values."""
+class Recorded(Reading):
+    """The recording of `_frames`."""
 
-    def __init__(self, path):
-        self.static, chunks = {}, {}
-        for chunk in RrdReader(path).stream():
-            batch = chunk.to_record_batch()
-            columns = {
-                name: batch.column(name) for name in batch.schema.names if not name.startswith("rerun")
-            }
-            if chunk.is_static:
-                values = {name: column.to_pylist()[0] for name, column in columns.items()}
-                self.static.setdefault(chunk.entity_path, {}).update(values)
-            else:
-                assert set(chunk.timeline_names) == {"step", "sim_time"}
-                chunks.setdefault(chunk.entity_path, []).append(columns)
-        self.rows = {path: self._joined(parts) for path, parts in chunks.items()}
-
-    def _joined(self, parts):
-        joined = {"step": np.concatenate([part["step"].to_numpy() for part in parts])}
-        nanoseconds = [part["sim_time"].to_numpy(zero_copy_only=False).astype(np.int64) for part in parts]
-        joined["sim_time"] = np.concatenate(nanoseconds) / 1e9
-        order = np.lexsort((joined["sim_time"], joined["step"]))
-        joined = {name: values[order] for name, values in joined.items()}
-        for name in parts[0]:
-            if ":" in name or name not in joined:
-                values = [value for part in parts for value in part[name].to_pylist()]
-                joined[name] = [values[index] for index in order]
-        return joined
-
-    def shown(self, path, name):
-        """Return for every step the value that the viewer shows: that of the last row up to it."""
-        rows = self.rows[path]
-        latest = np.searchsorted(rows["step"], np.arange(STEPS), side="right") - 1
-        assert latest[0] == 0, "shown from the first step on"
-        return [rows[name][index] for index in latest]
+    def shown(self, path, name, steps=None):
+        return super().shown(path, name, np.arange(STEPS) if steps is None else steps)
 
 
 @pytest.fixture(scope="module")
@@ -142,6 +119,7 @@ def test_entities_are_the_documented_ones(recorded):
         *robots,
         *(f"{path}/{part}" for path in robots for part in ("body", "outline")),
         *(f"/modes/robot_{robot}" for robot in range(ROBOTS)),
+        "/arena/tracks",
         "/arena/pellets/loose",
         "/arena/pellets/held",
         "/arena/pheromone",
@@ -187,6 +165,33 @@ def test_robots_are_shown_where_they_are(recorded, frames):
         assert np.abs(np.arctan2(np.sin(turn), np.cos(turn))).max() <= HEADING_GRID * 1.01
         resting = np.flatnonzero((pose[1:, robot] == pose[:-1, robot]).all(axis=1)) + 1
         assert not np.isin(resting, recorded.rows[path]["step"]).any(), "a robot at rest costs no row"
+
+
+def test_tracks_hold_where_all_robots_are_whenever_one_has_moved(recorded, frames, arena):
+    grid = TRACK_GRID * arena.robot.width
+    pose = np.array([frame.pose for frame in frames])[:, :, :2]
+    tracks = np.array(recorded.shown("/arena/tracks", "Points2D:positions"))
+    assert tracks.shape == pose.shape
+    assert np.abs(tracks - pose).max() <= 0.501 * grid
+    written = recorded.rows["/arena/tracks"]["step"]
+    moved = np.append(True, (np.rint(pose[1:] / grid) != np.rint(pose[:-1] / grid)).any(axis=(1, 2)))
+    assert written.tolist() == np.flatnonzero(moved).tolist()
+    assert len(written) < STEPS
+    colours = recorded.static["/arena/tracks"]["Points2D:colors"]
+    assert colours == [_rgba(palette.ROBOTS[robot]) for robot in range(ROBOTS)]
+
+
+def test_tracks_are_shown_for_the_last_twenty_seconds_on_both_timelines(file):
+    reader = RrdReader(file)
+    spans = {}
+    for chunk in reader.stream(store=reader.blueprints()[0]):
+        if chunk.entity_path.endswith("/ViewContents/overrides/arena/tracks/visualizers"):
+            ranges = chunk.to_record_batch().column("VisibleTimeRanges:ranges").to_pylist()[0]
+            spans = {one["timeline"]: one["range"] for one in ranges}
+    assert {name: (span["start"], span["end"]) for name, span in spans.items()} == {
+        "step": (-67, 0),
+        "sim_time": (-20_000_000_000, 0),
+    }
 
 
 def test_modes_and_loads_are_written_when_they_change_and_only_then(recorded, frames):
@@ -317,6 +322,78 @@ def test_a_run_of_no_frames_is_a_recording_of_the_arena(tmp_path, arena):
     recorded = Recorded(path)
     assert recorded.rows == {}
     assert "/arena/map" in recorded.static
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        [(3200, 3201), (3400, 3500)],
+        [(0, 50), (70, 4120), (4130, STEPS)],
+        [(0, 100), (200, ROWS + 100), (ROWS + 120, STEPS)],
+    ],
+    ids=["late", "over the end of a chunk", "up to the end of a chunk"],
+)
+def test_after_a_pause_rows_are_those_of_the_whole_and_lanes_have_a_gap(
+    tmp_path, arena, frames, recorded, parts
+):
+    path = tmp_path / "run.rrd"
+    with recording(path, arena, robots=ROBOTS) as recorder:
+        for start, end in parts:
+            recorder.pause()
+            for frame in frames[start:end]:
+                recorder.add(frame)
+    found = Reading(path)
+    kept = np.concatenate([np.arange(start, end) for start, end in parts])
+    for robot in range(ROBOTS):
+        lane, whole = found.rows[f"/modes/robot_{robot}"], recorded.rows[f"/modes/robot_{robot}"]
+        empty = [
+            step for step, state in zip(lane["step"], lane["StateChange:state"], strict=True) if not state
+        ]
+        assert empty == [end for _, end in parts[:-1]]
+        name = "StateChange:state"
+        assert found.shown(f"/modes/robot_{robot}", name, kept) == recorded.shown(
+            f"/modes/robot_{robot}", name, kept
+        )
+        assert set(lane["step"]) <= set(whole["step"]) | set(empty) | {start for start, _ in parts}
+        place = "Transform3D:translation"
+        path_of_robot = f"/arena/robots/{robot}"
+        apart = np.array(found.shown(path_of_robot, place, kept)) - recorded.shown(path_of_robot, place, kept)
+        assert np.abs(apart).max() <= POSITION_GRID * 1.01
+    for name in ("/plots/delivered", "/plots/delivered_by_robot", "/plots/tunnel_density"):
+        assert found.shown(name, "Scalars:scalars", kept) == recorded.shown(name, "Scalars:scalars", kept)
+    for start, end in parts:
+        log, whole = found.rows["/log/deliveries"], recorded.rows["/log/deliveries"]
+        assert _between(log, start, end) == _between(whole, start + 1, end), "the first row's is not told"
+    assert len(log["step"]) == sum(len(_between(log, *part)) for part in parts)
+
+
+def _between(log, start, end):
+    return [
+        (int(step), text)
+        for step, text in zip(log["step"], log["TextLog:text"], strict=True)
+        if start <= step < end
+    ]
+
+
+def test_a_pause_with_nothing_before_or_after_it_changes_nothing(tmp_path, arena, frames):
+    written = []
+    for name, pauses in (("plain", False), ("paused", True)):
+        path = tmp_path / f"{name}.rrd"
+        with recording(path, arena, robots=ROBOTS) as recorder:
+            if pauses:
+                recorder.pause()
+            for frame in frames[:30]:
+                recorder.add(frame)
+            if pauses:
+                recorder.flush()
+                recorder.pause()
+        written.append({name: plain(rows) for name, rows in Reading(path).rows.items()})
+    lanes = [f"/modes/robot_{robot}" for robot in range(ROBOTS)]
+    for lane in lanes:
+        assert written[1][lane]["step"].pop() == 30, "the lane ends"
+        assert written[1][lane]["StateChange:state"].pop() == []
+        written[1][lane]["sim_time"].pop()
+    assert written[0] == written[1]
 
 
 def _rgba(colour):
