@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from robosim.control.lanes import LanesController
 from robosim.control.learned import LearnedController
 from robosim.control.policy import find_policy, read_policy
+from robosim.control.protocols import ActiveController, LorenzController, ReversalController
 from robosim.envs.vector import VectorEnv
 
 Actions = NDArray[np.int64]
@@ -52,7 +53,13 @@ class RandomController:
         return np.stack([rng.integers(0, env.num_actions, env.robots) for rng in self._rngs])
 
 
-SCRIPTED: dict[str, Callable[[], Controller]] = {"lanes": LanesController, "random": RandomController}
+SCRIPTED: dict[str, Callable[[], Controller]] = {
+    "lanes": LanesController,
+    "active": ActiveController,
+    "reversal": ReversalController,
+    "lorenz": LorenzController,
+    "random": RandomController,
+}
 """Scripted controllers by name."""
 
 

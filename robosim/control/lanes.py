@@ -9,19 +9,18 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
 from robosim.control.routes import INBOUND, OUTBOUND, Routes, plan_routes
+from robosim.control.seek import (
+    Bools,
+    Floats,
+    Integers,
+    blocked_ways,
+    cells_of,
+    require_cardinal,
+    toward_pellets,
+)
 from robosim.envs.vector import VectorEnv
-from robosim.errors import InputError
 from robosim.robot.drivers import CARDINAL_STEPS, STOP
-from robosim.world.state import PelletStatus
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
-
-KEEP_AHEAD = 0.2
-"""Gap kept to a robot ahead, in robot diameters."""
-SHOULDER = 0.8
-"""Half-width of the strip ahead that must be clear, in robot diameters."""
 PATIENCE = 8
 """Decisions without motion after which a robot backs off."""
 BACK_OFF = 5
@@ -44,11 +43,7 @@ class LanesController:
         self._routes: Routes
 
     def reset(self, env: VectorEnv) -> None:
-        if env.layout.actions != "cardinal":
-            raise InputError(
-                "lanes: drives by cardinal actions only, "
-                f"and the environment's actions are {env.layout.actions!r}."
-            )
+        require_cardinal(self.name, env)
         if env.arena is not self._arena:
             self._arena = env.arena
             self._routes = plan_routes(env.arena)
@@ -65,9 +60,8 @@ class LanesController:
         self._gates = [[_Gate() for _ in range(self._routes.gates)] for _ in range(env.num_envs)]
 
     def act(self, env: VectorEnv, observation: NDArray[np.float32]) -> Integers:
-        state, arena, routes = env.world.state, env.arena, self._routes
-        place = state.pose[..., :2]
-        cell = np.floor(place * (1.0 / arena.cell_size)).astype(np.int64) + 1
+        state, routes = env.world.state, self._routes
+        cell = cells_of(env)
         row, column = cell[..., 1], cell[..., 0]
         heading_out = (state.held >= 0).astype(np.int64)
         if routes.gates:
@@ -80,10 +74,10 @@ class LanesController:
         axis = routes.axis[heading_out, row, column]
         cost = np.where((axis[..., None] >= 0) & (np.arange(4) != axis[..., None]), np.inf, cost)
         here = routes.cost[heading_out, row, column]
-        blocked = self._blocked(env, place)
+        blocked = blocked_ways(env)
         in_source = (routes.zones[row, column] == Zone.SOURCE) & (heading_out == INBOUND)
         if in_source.any():
-            cost = self._toward_pellets(env, in_source, cell, cost)
+            cost = toward_pellets(env, in_source, cell, cost)
         wish = np.where(blocked, np.inf, cost)
         best = cost.argmin(axis=2)
         chosen = wish.argmin(axis=2)
@@ -97,48 +91,6 @@ class LanesController:
             self._clear_mouths(row, column, blocked, action)
         self._judge_headway(heading_out, here)
         return self._back_off(env, blocked, cost, best, action)
-
-    def _blocked(self, env: VectorEnv, place: Floats) -> Bools:
-        """Return which of the four ways are blocked by another robot close ahead, [envs, robots, 4]."""
-        sheet = env.arena.robot
-        width = 2.0 * sheet.outer_radius
-        apart = place[:, None, :, :] - place[:, :, None, :]
-        steps = CARDINAL_STEPS[:4].astype(np.float64)
-        along = apart[..., None, 0] * steps[:, 0] + apart[..., None, 1] * steps[:, 1]
-        across = np.abs(apart[..., None, 0] * steps[:, 1] - apart[..., None, 1] * steps[:, 0])
-        ahead = (along > 0.0) & (along < (1.0 + KEEP_AHEAD) * width + 2.0 * env.arena.pellets.radius)
-        return np.asarray((ahead & (across < SHOULDER * width)).any(axis=2))
-
-    def _toward_pellets(self, env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats) -> Floats:
-        """Return costs [envs, robots, 4] that lead the seekers to the pellet they can grip soonest.
-
-        A pellet can be gripped when it lies ahead in the strip that the gripper sweeps on the way to
-        the middle of the neighbouring cell.
-        """
-        state, sheet = env.world.state, env.arena.robot
-        envs, robots = np.nonzero(seekers)
-        pose = state.pose[envs, robots]
-        target = (cell[envs, robots][:, None] + CARDINAL_STEPS[:4] - 0.5) * env.arena.cell_size
-        way = target - pose[:, None, :2]
-        way /= np.sqrt((way**2).sum(axis=2, keepdims=True))
-        apart = state.pellets[envs] - pose[:, None, :2]
-        along = np.einsum("mac,mpc->map", way, apart)
-        across = np.abs(way[..., 0:1] * apart[:, None, :, 1] - way[..., 1:2] * apart[:, None, :, 0])
-        sweep = 0.8 * (sheet.gripper_reach + env.arena.pellets.radius)
-        loose = (state.pellet_status[envs] == PelletStatus.LOOSE)[:, None]
-        there = np.where(loose & (along > 0.0) & (across < sweep), along, np.inf).min(axis=2)
-        # Turning costs the way that the robot could drive in the same time.
-        turn = np.arccos(
-            np.clip(way[..., 0] * np.cos(pose[:, 2:]) + way[..., 1] * np.sin(pose[:, 2:]), -1, 1)
-        )
-        there += turn * (sheet.top_speed / sheet.top_turn_rate)
-        distance = np.where(loose[:, 0], (apart**2).sum(axis=2), np.inf)
-        nearest = apart[np.arange(len(apart)), distance.argmin(axis=1)]
-        # With nothing in reach, the general direction of the nearest pellet; always worse than a sure one.
-        there = np.where(np.isfinite(there), there, 1e3 - np.einsum("mac,mc->ma", way, nearest))
-        changed = cost.copy()
-        changed[envs, robots] = np.where(np.isfinite(cost[envs, robots]), there, np.inf)
-        return changed
 
     def _back_off(
         self, env: VectorEnv, blocked: Bools, cost: Floats, best: Integers, action: Integers

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.arena.geometry import components
 from robosim.arena.model import Arena, Zone
 from robosim.robot.drivers import CARDINAL_STEPS
 
@@ -50,13 +51,13 @@ def plan_routes(arena: Arena) -> Routes:
     """Work out lanes: to the right in a wide tunnel; of several tunnels, one way each where that helps."""
     zones = np.pad(arena.zones, 1, constant_values=int(Zone.WALL))
     free = zones != Zone.WALL
-    to_source = _costs(free, zones == Zone.SOURCE, np.ones(zones.shape))
-    to_home = _costs(free, zones == Zone.HOME, np.ones(zones.shape))
-    tunnels = _components(zones == Zone.TUNNEL)
+    to_source = costs_to(free, zones == Zone.SOURCE, np.ones(zones.shape))
+    to_home = costs_to(free, zones == Zone.HOME, np.ones(zones.shape))
+    tunnels = components(zones == Zone.TUNNEL)
     count = int(tunnels.max()) + 1
     narrow = [_is_narrow(tunnels == tunnel, free) for tunnel in range(count)]
     fee = np.ones((2, *zones.shape))
-    fee[:, _cramped(arena, free) & (zones != Zone.TUNNEL)] = NEAR_WALL_COST
+    fee[:, cramped_cells(arena, free) & (zones != Zone.TUNNEL)] = NEAR_WALL_COST
     shared = list(range(count))
     if count > 1 and any(narrow):
         # One tunnel in, the others out: nobody meets anybody.
@@ -75,12 +76,12 @@ def plan_routes(arena: Arena) -> Routes:
             gates += 1
     cost = np.stack(
         [
-            _costs(free, zones == Zone.SOURCE, fee[INBOUND]),
-            _costs(free, zones == Zone.HOME, fee[OUTBOUND]),
+            costs_to(free, zones == Zone.SOURCE, fee[INBOUND]),
+            costs_to(free, zones == Zone.HOME, fee[OUTBOUND]),
         ]
     )
-    mouth = _mouths(gate, free, _costs(free, gate >= 0, _straight_ahead_is_near(gate, free)))
-    aside = _costs(free, free & (gate < 0) & (mouth < 0), np.ones(zones.shape))
+    mouth = _mouths(gate, free, costs_to(free, gate >= 0, _straight_ahead_is_near(gate, free)))
+    aside = costs_to(free, free & (gate < 0) & (mouth < 0), np.ones(zones.shape))
     axis = np.full((2, *zones.shape), -1)
     if arena.robot.shape != "circle":
         for direction, plain in ((INBOUND, to_source), (OUTBOUND, to_home)):
@@ -89,7 +90,7 @@ def plan_routes(arena: Arena) -> Routes:
     return Routes(cost, axis, zones, gate, mouth, aside, gates)
 
 
-def _cramped(arena: Arena, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def cramped_cells(arena: Arena, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the cells at whose centre a robot is too near to a wall to turn on the spot."""
     if arena.robot.outer_radius <= 0.5 * arena.cell_size:
         return np.zeros_like(free)
@@ -99,7 +100,7 @@ def _cramped(arena: Arena, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return cramped & free
 
 
-def _costs(free: NDArray[np.bool_], goal: NDArray[np.bool_], fee: Floats) -> Floats:
+def costs_to(free: NDArray[np.bool_], goal: NDArray[np.bool_], fee: Floats) -> Floats:
     """Return the least cost from every cell to the goal, over the four neighbours (Dijkstra)."""
     cost = np.full(free.shape, np.inf)
     cost[goal] = 0.0
@@ -116,26 +117,6 @@ def _costs(free: NDArray[np.bool_], goal: NDArray[np.bool_], fee: Floats) -> Flo
                 cost[neighbour] = there
                 heapq.heappush(queue, (there, *neighbour))
     return cost
-
-
-def _components(mask: NDArray[np.bool_]) -> Integers:
-    """Give the connected parts of a mask numbers from 0; -1 outside."""
-    label = np.full(mask.shape, -1)
-    parts = 0
-    for row, column in np.argwhere(mask).tolist():
-        if label[row, column] >= 0:
-            continue
-        stack = [(row, column)]
-        label[row, column] = parts
-        while stack:
-            y, x = stack.pop()
-            for step_x, step_y in CARDINAL_STEPS[:4].tolist():
-                neighbour = (y + step_y, x + step_x)
-                if mask[neighbour] and label[neighbour] < 0:
-                    label[neighbour] = parts
-                    stack.append(neighbour)
-        parts += 1
-    return label
 
 
 def _is_narrow(tunnel: NDArray[np.bool_], free: NDArray[np.bool_]) -> bool:

@@ -46,11 +46,11 @@ def test_scripted_controllers_come_before_policies_and_those_before_folders(
 @pytest.mark.parametrize(
     ("name", "end"),
     [
-        ("lans", "did you mean lanes or random?"),
+        ("lans", "did you mean lanes or random or lorenz?"),
         ("paper-4", "did you mean paper-3?"),
-        ("qqqq", "known names are lanes, paper-3, random."),
-        ("no\0name", "known names are lanes, paper-3, random."),
-        ("x" * 5000, "known names are lanes, paper-3, random."),
+        ("qqqq", "known names are active, lanes, lorenz, paper-3, random, reversal."),
+        ("no\0name", "known names are active, lanes, lorenz, paper-3, random, reversal."),
+        ("x" * 5000, "known names are active, lanes, lorenz, paper-3, random, reversal."),
     ],
 )
 def test_unknown_names_are_a_sentence_with_the_nearest(ships, name, end):

@@ -1,0 +1,78 @@
+"""What scripted controllers share: where robots stand on the map, what is close ahead, the pellet to take."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.envs.vector import VectorEnv
+from robosim.errors import InputError
+from robosim.robot.drivers import CARDINAL_STEPS
+from robosim.world.state import PelletStatus
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+KEEP_AHEAD = 0.2
+"""Gap kept to a robot ahead, in robot diameters."""
+SHOULDER = 0.8
+"""Half-width of the strip ahead that must be clear, in robot diameters."""
+
+
+def require_cardinal(name: str, env: VectorEnv) -> None:
+    """Raise InputError if the environment's actions are not those that controller `name` drives by."""
+    if env.layout.actions != "cardinal":
+        raise InputError(
+            f"{name}: drives by cardinal actions only, "
+            f"and the environment's actions are {env.layout.actions!r}."
+        )
+
+
+def cells_of(env: VectorEnv) -> Integers:
+    """Return (column, row) of the robots' cells on a map padded by one wall, [envs, robots, 2]."""
+    place = env.world.state.pose[..., :2]
+    return np.floor(place * (1.0 / env.arena.cell_size)).astype(np.int64) + 1
+
+
+def blocked_ways(env: VectorEnv) -> Bools:
+    """Return which of the four ways are blocked by another robot close ahead, [envs, robots, 4]."""
+    place = env.world.state.pose[..., :2]
+    width = 2.0 * env.arena.robot.outer_radius
+    apart = place[:, None, :, :] - place[:, :, None, :]
+    steps = CARDINAL_STEPS[:4].astype(np.float64)
+    along = apart[..., None, 0] * steps[:, 0] + apart[..., None, 1] * steps[:, 1]
+    across = np.abs(apart[..., None, 0] * steps[:, 1] - apart[..., None, 1] * steps[:, 0])
+    ahead = (along > 0.0) & (along < (1.0 + KEEP_AHEAD) * width + 2.0 * env.arena.pellets.radius)
+    return np.asarray((ahead & (across < SHOULDER * width)).any(axis=2))
+
+
+def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats) -> Floats:
+    """Return costs [envs, robots, 4] that lead the seekers to the pellet they can grip soonest.
+
+    `cell` is what `cells_of` returns, `cost` that of the four neighbouring cells, inf for walls. A pellet
+    can be gripped when it lies ahead in the strip that the gripper sweeps on the way to the middle of the
+    neighbouring cell.
+    """
+    state, sheet = env.world.state, env.arena.robot
+    envs, robots = np.nonzero(seekers)
+    pose = state.pose[envs, robots]
+    target = (cell[envs, robots][:, None] + CARDINAL_STEPS[:4] - 0.5) * env.arena.cell_size
+    way = target - pose[:, None, :2]
+    way /= np.sqrt((way**2).sum(axis=2, keepdims=True))
+    apart = state.pellets[envs] - pose[:, None, :2]
+    along = np.einsum("mac,mpc->map", way, apart)
+    across = np.abs(way[..., 0:1] * apart[:, None, :, 1] - way[..., 1:2] * apart[:, None, :, 0])
+    sweep = 0.8 * (sheet.gripper_reach + env.arena.pellets.radius)
+    loose = (state.pellet_status[envs] == PelletStatus.LOOSE)[:, None]
+    there = np.where(loose & (along > 0.0) & (across < sweep), along, np.inf).min(axis=2)
+    # Turning costs the way that the robot could drive in the same time.
+    turn = np.arccos(np.clip(way[..., 0] * np.cos(pose[:, 2:]) + way[..., 1] * np.sin(pose[:, 2:]), -1, 1))
+    there += turn * (sheet.top_speed / sheet.top_turn_rate)
+    distance = np.where(loose[:, 0], (apart**2).sum(axis=2), np.inf)
+    nearest = apart[np.arange(len(apart)), distance.argmin(axis=1)]
+    # With nothing in reach, the general direction of the nearest pellet; always worse than a sure one.
+    there = np.where(np.isfinite(there), there, 1e3 - np.einsum("mac,mc->ma", way, nearest))
+    changed = cost.copy()
+    changed[envs, robots] = np.where(np.isfinite(cost[envs, robots]), there, np.inf)
+    return changed
