@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
+    from robosim.analysis.monitor import TeamMonitor
     from robosim.control.card import Evaluation
 
 
@@ -30,6 +32,8 @@ class Evaluate:
     """Root of all randomness."""
     json: Path | None = None
     """File to write the evaluation to."""
+    report: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
+    """New folder to write a report on congestion to: a page, figures, tables, the episodes."""
 
     def run(self) -> None:
         """Evaluate and print the figures."""
@@ -45,6 +49,7 @@ class Evaluate:
             raise InputError(f"--seed is {self.seed}: it must not be negative.")
         if self.json is not None:
             require_writable(self.json)
+        monitor = self._monitor()
         controller = make_controller(self.policy)
         env = environment_for(
             controller,
@@ -54,10 +59,48 @@ class Evaluate:
             seed=self.seed,
             episode_steps=self.steps,
         )
-        result = evaluate(controller, env, self.episodes, self.seed)
-        print(summary(result))
+        result = evaluate(controller, env, self.episodes, self.seed, watch=[monitor] if monitor else [])
+        print(summary(result), flush=True)
         if self.json is not None:
             write_whole(self.json, result.model_dump_json(indent=2) + "\n")
+        if self.report is not None and monitor is not None:
+            self._write_report(self.report, result, monitor)
+
+    def _monitor(self) -> TeamMonitor | None:
+        """Return what watches the episodes, if there is to be a report, and there can be one."""
+        if self.report is None:
+            return None
+        from robosim.analysis.folder import require_folder
+        from robosim.analysis.monitor import TeamMonitor
+
+        require_folder(self.report)
+        return TeamMonitor()
+
+    def _write_report(self, folder: Path, evaluation: Evaluation, monitor: TeamMonitor) -> None:
+        from robosim.analysis.report import Watched, write_report
+        from robosim.analysis.words import congestion_lines
+
+        for name, words in congestion_lines(monitor.episodes):
+            print(f"  {name:<22}  {words}", flush=True)
+        command = self._command(evaluation)
+        page = write_report(folder, Watched(evaluation, monitor.episodes, monitor.trajectories, command))
+        print(f"  {'report':<22}  {page}")
+
+    def _command(self, evaluation: Evaluation) -> str:
+        """Return the command that makes the same report, with what was left open written out.
+
+        Where to is left out: equal runs make equal reports.
+        """
+        words = [
+            *("robosim", "evaluate", self.policy),
+            *("--arena", self.arena or evaluation.arena),
+            *("--robots", str(evaluation.robots)),
+            *("--episodes", str(evaluation.episodes)),
+            *("--steps", str(evaluation.episode_steps)),
+            *("--seed", str(evaluation.seed)),
+            *("--report", "FOLDER"),
+        ]
+        return shlex.join(words)
 
 
 def summary(evaluation: Evaluation) -> str:

@@ -1,0 +1,117 @@
+"""`robosim evaluate` with and without a report."""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robosim.cli.main import main
+
+SHORT = ["evaluate", "lanes", "--arena", "paper", "--robots", "2", "--episodes", "2", "--steps", "20"]
+
+
+def test_a_report_is_written_and_its_main_figures_are_printed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main([*SHORT, "--report", "out", "--json", "out.json"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0] == "lanes in paper, 2 robots, 2 episodes of 20 decisions:"
+    assert shown[4:] == [
+        "  time clogged            0.0 %, no clogs",
+        "  strategy                neither One-at-a-Time nor Bucket-Brigade in 2 of 2 episodes",
+        "  report                  out/index.html",
+    ]
+    assert Path("out/index.html").exists()
+    record = json.loads(Path("out/metrics.json").read_text())
+    assert record["evaluation"] == json.loads(Path("out.json").read_text())
+    assert record["command"] == (
+        "robosim evaluate lanes --arena paper --robots 2 --episodes 2 --steps 20 --seed 0 --report FOLDER"
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out.json"]
+    assert main(["play", "out/episodes/1.npz", "--save", "run.rrd"]) == 0
+    assert "20 decisions" in capsys.readouterr().out
+
+
+def test_without_a_report_nothing_is_watched_and_nothing_else_is_printed(capsys):
+    code = (
+        "import sys; from robosim.cli.main import main; "
+        f"main({SHORT!r}); "
+        "print(sorted(name for name in sys.modules if name.startswith('robosim.analysis')), "
+        "'matplotlib' in sys.modules, 'pyarrow' in sys.modules)"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    lines = result.stdout.splitlines()
+    assert [line.split("  ")[1] for line in lines[1:-1]] == [
+        "pellets per episode",
+        "of each robot",
+        "collisions per episode",
+    ]
+    assert lines[-1] == "[] False False"
+
+
+@pytest.mark.parametrize(
+    ("place", "why"),
+    [
+        ("full", "this folder is not empty; a report needs a new one."),
+        ("file", "this is a file; a report needs a folder."),
+        ("file/out", "the report cannot be written: Not a directory."),
+    ],
+)
+def test_a_place_that_will_not_do_is_refused_before_any_episode(tmp_path, monkeypatch, capsys, place, why):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine").touch()
+    (tmp_path / "file").touch()
+    before = sorted(tmp_path.rglob("*"))
+    monkeypatch.setattr("robosim.control.evaluate.evaluate", lambda *_, **__: pytest.fail("an episode ran"))
+    assert main([*SHORT, "--report", str(tmp_path / place)]) == 2
+    assert capsys.readouterr() == ("", f"robosim: {tmp_path / place}: {why}\n")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_full_disk_costs_the_report_but_not_the_figures(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("robosim.analysis.report.FIGURES", ())
+    monkeypatch.setattr("robosim.analysis.page.FIGURES", ())
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000, limits[1]))
+        code = main([*SHORT, "--report", str(tmp_path / "out")])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    shown = capsys.readouterr()
+    assert code == 2
+    assert shown.err == f"robosim: {tmp_path}/out: the report cannot be written: File too large.\n"
+    assert "pellets per episode" in shown.out
+    assert "time clogged" in shown.out
+    assert "index.html" not in shown.out
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_leaves_nothing_behind(tmp_path, monkeypatch, capsys):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("robosim.analysis.report.FIGURES", ())
+    monkeypatch.setattr("robosim.analysis.page.FIGURES", ())
+    monkeypatch.setattr("robosim.analysis.report.trip_table", interrupt)
+    assert main([*SHORT, "--report", str(tmp_path / "out")]) == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_equal_commands_write_equal_bytes_in_any_process(tmp_path):
+    command = ["evaluate", "active", "--arena", "single-lane", "--robots", "3", "--episodes", "2"]
+    command += ["--steps", "60", "--report"]
+    assert main([*command, str(tmp_path / "1")]) == 0
+    environment = {**os.environ, "PYTHONHASHSEED": "1"}
+    other = [sys.executable, "-m", "robosim", *command, "2"]
+    subprocess.run(other, cwd=tmp_path, env=environment, timeout=60, check=True)
+    first, second = (
+        {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        for folder in (tmp_path / "1", tmp_path / "2")
+    )
+    assert first == second
+    assert len(first) == 26
