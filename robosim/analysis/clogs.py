@@ -8,10 +8,11 @@ The definition, in full:
   What a robot holds is a part of it.
 - Linked robots are a *group* if one of them is in a tunnel or its mouth (within a robot's length of it), and
   they are at least two, or one that touched a loose pellet. Groups that share a robot are the same in
-  time, also over a pause shorter than `HOLD`.
+  time, also over a pause of that robot shorter than `HOLD`.
 - A group's stay is cut where a robot completes a passage of the tunnel: came in at one end, left at the
   other. A piece that lasts longer than k free-flow transit times of the tunnel is a *clog*. It begins
-  when its robots came to a halt, `HOLD` before they were recognised.
+  when its robots came to a halt, `HOLD` before they were recognised, or with the last passage since. A
+  passage in a pause ends the stay.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class Cause(Enum):
     TURNING = "turning"
     """A member stands across the tunnel."""
     QUEUE = "queue"
-    """None of these: robots stand behind each other, and the first does not move on."""
+    """None of these: robots stand behind or beside each other, and the first does not move on."""
 
 
 class Ending(Enum):
@@ -63,15 +64,15 @@ class Ending(Enum):
     PASSAGE = "somebody got through"
     """A robot completed a passage while the group still stood."""
     TOOK_PELLET = "pellet taken"
-    """A member took a pellet as the group came apart."""
+    """One that stood to the end took a pellet in the `HOLD` before it or after it."""
     BACKED_OFF = "one backed off"
-    """The member that moved most went away from its goal."""
+    """Of those that stood to the end, the one that then moved most went away from its goal."""
     WENT_ON = "one went on"
-    """The member that moved most went toward its goal."""
+    """Of those that stood to the end, the one that then moved most went toward its goal."""
     LET_GO = "no longer pressed"
     """Nobody moved away: the robots lost touch or no longer wanted to move."""
     RUN_ENDED = "run ended"
-    """The clog outlasted the run."""
+    """The clog outlasted the run, or the run ended in a pause of it."""
 
 
 class Clog(NamedTuple):
@@ -87,7 +88,7 @@ class Clog(NamedTuple):
     cause: Cause
     ending: Ending
     place: tuple[float, float]
-    """Mean of the members' places as it was recognised, m."""
+    """Mean of the members' places as it was recognised, or at the passage that it began with, m."""
     distance: float
     """Mean of their distances to home, m."""
     transits: float
@@ -104,21 +105,33 @@ class _Onset:
     distance: float
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Stay:
     """A group in time, since it was recognised or last cut by a passage."""
 
     tunnel: int
     onset: _Onset
     members: set[int]
+    """Every robot that was part of it since its onset."""
     now: set[int]
-    """Its members when it was last seen to stand."""
+    """Who stands at present; nobody in a pause."""
+    seen: dict[int, int]
+    """The last decision after which each robot was part of it; nobody that has left for `HOLD`."""
     last: int
-    """The decision after which that was."""
+    """The last decision after which it stood."""
+    stood: list[int]
+    """Who stood then, in order."""
     distance: Floats
     """[robots] distances to home then, m."""
     laden: Bools
     """[robots] who was laden then."""
+
+    def take_in(self, other: _Stay) -> None:
+        """Go on as one with another stay, which has grown together with this one."""
+        self.members |= other.members
+        self.now |= other.now
+        for robot, step in other.seen.items():
+            self.seen[robot] = max(step, self.seen.get(robot, step))
 
 
 class _Chunk(NamedTuple):
@@ -127,6 +140,10 @@ class _Chunk(NamedTuple):
     frames: FrameColumns
     distance: Floats
     groups: Groups
+    passages: list[Visit]
+    """That ended in these rows, in order of time."""
+    picked: Integers
+    """[rows, robots] last decision in which each robot took a pellet, or -1."""
 
 
 class ClogFinder:
@@ -138,7 +155,9 @@ class ClogFinder:
         self._finder = GroupFinder(arena, robots, tunnels)
         self._stays: list[_Stay] = []
         self._visits_seen = 0
-        self._last_step = 0
+        self._passed = np.zeros(tunnels.count, dtype=np.int64)
+        self._laden = np.ones(robots, dtype=np.bool_)
+        self._picked = np.full(robots, -1)
         self.groups = Groups(
             np.zeros((0, robots), dtype=np.int64),
             np.zeros((0, robots, robots), dtype=np.bool_),
@@ -151,9 +170,10 @@ class ClogFinder:
     def add(self, frames: FrameColumns, distance: Floats, visits: Sequence[Visit]) -> None:
         """Take in the next rows, with distances to home [rows, robots] and all visits that have ended."""
         passages = [visit for visit in visits[self._visits_seen :] if visit.passage]
+        passages.sort(key=lambda visit: visit.end)
         self._visits_seen = len(visits)
         self.groups = self._finder.find(frames)
-        chunk = _Chunk(frames, distance, self.groups)
+        chunk = _Chunk(frames, distance, self.groups, passages, self._pickups(frames))
         label, step = self.groups.label, frames.step[: frames.rows]
         changes = (np.flatnonzero((label[1:] != label[:-1]).any(axis=1)) + 1).tolist()
         for first, end in zip([0, *changes], [*changes, len(label)], strict=True):
@@ -167,13 +187,15 @@ class ClogFinder:
                     self._cut(chunk, first + visit.end - begin, visit.tunnel)
             for stay in self._stays:
                 if stay.now:
-                    stay.last = last
+                    stay.last, stay.stood = last, sorted(stay.now)
+                    stay.seen.update(dict.fromkeys(stay.now, last))
                     stay.distance, stay.laden = distance[end - 1].copy(), frames.laden[end - 1].copy()
-            self._end_gone(chunk, first, end)
-        self._last_step = int(step[-1])
+            self._end_gone(chunk, end)
+        for visit in passages:
+            self._passed[visit.tunnel] = visit.end
 
     def standing(self, transits: float = TRANSITS) -> list[tuple[int, frozenset[int]]]:
-        """Return start and members of what stands at present, and has for longer than a clog must."""
+        """Return start and members of what stands at present, or pauses, and has long enough for a clog."""
         return [
             (stay.onset.step, frozenset(stay.members))
             for stay in self._stays
@@ -188,37 +210,54 @@ class ClogFinder:
         self.found.sort(key=lambda clog: (clog.start, clog.end, clog.members))
         return self.found
 
+    def _pickups(self, frames: FrameColumns) -> Integers:
+        """Return for each row the last decision so far in which each robot took a pellet, or -1."""
+        laden = frames.laden[: frames.rows]
+        took = laden & ~np.concatenate([self._laden[None], laden[:-1]])
+        steps = np.where(took, frames.step[: frames.rows, None], self._picked)
+        picked = np.maximum.accumulate(steps, axis=0)
+        self._laden, self._picked = laden[-1].copy(), picked[-1].copy()
+        return picked
+
     def _match(self, chunk: _Chunk, row: int, label: Integers) -> None:
         """Give every group of a row to the stay that it continues, or begin one."""
-        before, stays = [(stay, stay.now) for stay in self._stays], []
-        recent = {id(stay): stay.now or stay.members for stay in self._stays}
+        step = int(chunk.frames.step[row])
         for stay in self._stays:
             stay.now = set()
+            stay.seen = {robot: seen for robot, seen in stay.seen.items() if step - seen <= self._finder.hold}
         for one in np.unique(label[label >= 0]).tolist():
             group = set(np.flatnonzero(label == one).tolist())
-            mine = [stay for stay, _ in before if recent[id(stay)] & group]
+            mine = [stay for stay in self._stays if not group.isdisjoint(stay.seen)]
             if not mine:
-                stays.append(self._begin(chunk, row, group))
+                self._stays.append(self._begin(chunk, row, group))
                 continue
             # Groups that have grown together go on as the oldest of them.
             oldest = min(mine, key=lambda stay: stay.onset.step)
-            oldest.now |= group
             for stay in mine:
-                oldest.members |= stay.members
                 if stay is not oldest:
-                    before = [pair for pair in before if pair[0] is not stay]
-                    recent[id(oldest)] = recent[id(oldest)] | recent[id(stay)]
+                    oldest.take_in(stay)
+                    self._stays.remove(stay)
+            oldest.now |= group
             oldest.members |= group
-        self._stays = [stay for stay, _ in before] + stays
 
     def _begin(self, chunk: _Chunk, row: int, group: set[int]) -> _Stay:
         place = chunk.frames.pose[row, sorted(group), :2]
         cell_row, cell_column = self._tunnels.cells(place)
         tunnel = int(self._tunnels.near[cell_row, cell_column].max())
         step = int(chunk.frames.step[row])
-        onset = self._onset(chunk, row, group, max(0, step - self._finder.hold))
-        laden = chunk.frames.laden[row].copy()
-        return _Stay(tunnel, onset, set(group), set(group), step, chunk.distance[row].copy(), laden)
+        passed = [visit.end for visit in chunk.passages if visit.tunnel == tunnel and visit.end <= step]
+        start = max(step - self._finder.hold, int(self._passed[tunnel]), *passed)
+        return _Stay(
+            tunnel,
+            self._onset(chunk, row, group, start),
+            set(group),
+            set(group),
+            dict.fromkeys(group, step),
+            step,
+            sorted(group),
+            chunk.distance[row].copy(),
+            chunk.frames.laden[row].copy(),
+        )
 
     def _onset(self, chunk: _Chunk, row: int, group: set[int], step: int) -> _Onset:
         members = sorted(group)
@@ -260,33 +299,36 @@ class ClogFinder:
         """Somebody got through a tunnel: the clock of the groups that stand there starts anew."""
         step = int(chunk.frames.step[row])
         for stay in self._stays:
-            if stay.tunnel == tunnel and stay.now and stay.onset.step < step:
+            if stay.tunnel != tunnel:
+                continue
+            if not stay.now:
+                # In a pause: whoever comes back begins a stay of its own.
+                stay.seen = {}
+            elif stay.onset.step < step:
                 self._end(stay, Ending.PASSAGE, step)
                 stay.members = set(stay.now)
                 stay.onset = self._onset(chunk, row, stay.now, step)
 
-    def _end_gone(self, chunk: _Chunk, first: int, end: int) -> None:
-        """End the stays of groups that have been gone for `HOLD` somewhere in rows `first` to `end`."""
-        step, kept = chunk.frames.step, []
+    def _end_gone(self, chunk: _Chunk, end: int) -> None:
+        """End the stays of groups that have been gone for `HOLD` somewhere before row `end`."""
+        last, kept = int(chunk.frames.step[end - 1]), []
         for stay in self._stays:
-            back = stay.last + self._finder.hold
-            if stay.now or int(step[end - 1]) < back:
+            over = stay.last + self._finder.hold
+            if stay.now or last < over:
                 kept.append(stay)
                 continue
-            row = max(first, end - 1 - (int(step[end - 1]) - back))
-            self._end(stay, self._how(chunk, row, stay), stay.last + 1)
+            self._end(stay, self._how(chunk, end - 1 - (last - over), stay), stay.last + 1)
         self._stays = kept
 
     def _how(self, chunk: _Chunk, row: int, stay: _Stay) -> Ending:
-        """Return how a group came apart, from where its members have gone until `row`."""
-        members = sorted(stay.members)
-        if (chunk.frames.laden[row, members] & ~stay.laden[members]).any():
+        """Return how a group came apart, from where those that stood last have gone until `row`."""
+        if (chunk.picked[row, stay.stood] > stay.last - self._finder.hold).any():
             return Ending.TOOK_PELLET
-        way = chunk.distance[row, members] - stay.distance[members]
+        way = chunk.distance[row, stay.stood] - stay.distance[stay.stood]
         most = int(np.abs(way).argmax())
         if abs(way[most]) < 0.5 * self._arena.robot.length:
             return Ending.LET_GO
-        ahead = (way[most] > 0.0) != stay.laden[members[most]]
+        ahead = (way[most] > 0.0) != stay.laden[stay.stood[most]]
         return Ending.WENT_ON if ahead else Ending.BACKED_OFF
 
     def _transits(self, stay: _Stay, end: int) -> float:

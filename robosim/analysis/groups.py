@@ -113,12 +113,15 @@ def _touches(frames: FrameColumns) -> tuple[Bools, Bools, Bools]:
     pellets = kind == ContactKind.ROBOT_PELLET
     row, a, b = row[pellets], a[pellets], b[pellets]
     pressed[row, a] = True
-    # In this order, robots at the same pellet after the same decision follow each other.
-    order = np.lexsort((a, b, row))
-    row, a, b = row[order], a[order], b[order]
-    shared = (row[1:] == row[:-1]) & (b[1:] == b[:-1]) & (a[1:] != a[:-1])
-    linked[row[1:][shared], a[1:][shared], a[:-1][shared]] = True
     linked |= linked.transpose(0, 2, 1)
+    # Who was at one pellet after one decision; all of them are linked to each other.
+    each, which = np.unique(row * frames.pellets.shape[1] + b, return_inverse=True)
+    there = np.zeros((len(each), robots), dtype=np.bool_)
+    there[which, a] = True
+    shared = there.sum(axis=1) > 1
+    there, row = there[shared], each[shared] // frames.pellets.shape[1]
+    np.logical_or.at(linked, row, there[:, :, None] & there[:, None, :])
+    linked &= ~np.eye(robots, dtype=np.bool_)
     return touched, pressed, linked
 
 

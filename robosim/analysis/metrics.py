@@ -187,12 +187,12 @@ def passages(episode: Episode) -> Figure:
 
 
 def tunnel_density(episode: Episode) -> Figure:
-    """Return mean over stretches of 30 s of k = sum of times in the tunnel / (L T); Edie 1963."""
+    """Return mean over stretches of 30 s, and tunnels, of k = sum of times in it / (L T); Edie 1963."""
     return _mean_of_windows(episode, episode.traffic.windows.density)
 
 
 def tunnel_flow(episode: Episode) -> Figure:
-    """Return mean over stretches of 30 s of q = sum of ways toward the goals in the tunnel / (L T).
+    """Return mean over stretches of 30 s, and tunnels, of q = sum of ways toward the goals in it / (L T).
 
     Way back counts against it, so that to and fro is no flow. (Edie 1963.)
     """
@@ -241,8 +241,10 @@ def lane_segregation(episode: Episode) -> Figure:
 
 def median_lapse(episode: Episode) -> Figure:
     """Return median time between consecutive passages of the same tunnel; Garcimartin et al. 2014."""
+    if episode.tunnels.count == 0:
+        return NO_TUNNEL
     times = lapses(episode.traffic, episode.arena.timing.decision_period)
-    return float(np.median(times)) if len(times) else NotDefined("fewer than two passages")
+    return float(np.median(times)) if len(times) else NotDefined("fewer than two passages of a tunnel")
 
 
 def lapse_exponent(episode: Episode) -> Figure:
@@ -250,6 +252,8 @@ def lapse_exponent(episode: Episode) -> Figure:
 
     At 2 and below the mean lapse has no bound. (Clauset et al. 2009; Zuriguel et al. 2014.)
     """
+    if episode.tunnels.count == 0:
+        return NO_TUNNEL
     times = lapses(episode.traffic, episode.arena.timing.decision_period)
     fit: PowerLaw | None = fit_power_law(times)
     if fit is not None:
@@ -272,13 +276,13 @@ def clogged_share(episode: Episode) -> Figure:
 def clog_duration(episode: Episode) -> Figure:
     """Return mean duration of the clogs."""
     durations = clog_durations(episode)
-    return float(durations.mean()) if len(durations) else NotDefined("no clogs")
+    return float(durations.mean()) if len(durations) else _no_clog(episode)
 
 
 def longest_clog(episode: Episode) -> Figure:
     """Return duration of the longest clog."""
     durations = clog_durations(episode)
-    return float(durations.max()) if len(durations) else NotDefined("no clogs")
+    return float(durations.max()) if len(durations) else _no_clog(episode)
 
 
 def clogs(episode: Episode, transits: float = TRANSITS) -> list[Clog]:
@@ -350,6 +354,10 @@ def _share(part: float, whole: float, otherwise: NotDefined) -> Figure:
 
 def _no_visit(episode: Episode) -> NotDefined:
     return NO_TUNNEL if episode.tunnels.count == 0 else NEVER_IN_TUNNEL
+
+
+def _no_clog(episode: Episode) -> NotDefined:
+    return NO_TUNNEL if episode.tunnels.count == 0 else NotDefined("no clogs")
 
 
 def _mean_of_windows(episode: Episode, values: Floats) -> Figure:

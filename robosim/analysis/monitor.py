@@ -45,8 +45,8 @@ class Episode:
 class EpisodeMonitor:
     """Takes the frames of one episode, from the one after reset on, decision by decision.
 
-    Memory grows with the events (trips, visits, clogs) and with a point of every robot's track each 1.5 s,
-    which the report writes; not with the frames.
+    Memory grows with the events (trips, visits, clogs), with a point of every robot's track each 1.5 s, which
+    the report writes, and with one of flow and density each 30 s; not with the frames.
     """
 
     def __init__(self, arena: Arena, robots: int, tunnels: Tunnels | None = None) -> None:
@@ -57,26 +57,21 @@ class EpisodeMonitor:
         self._traffic = TrafficMeter(arena, robots, self.tunnels)
         self.clogs = ClogFinder(arena, robots, self.tunnels)
         self._columns = FrameColumns(robots, arena.pellets.count, (arena.rows, arena.columns), CHUNK)
-        self._first_step = -1
         self._last_step = -1
+        """The last one looked at."""
 
     def add(self, frame: Frame) -> None:
         """Take in the next frame; ValueError unless it is that of the next decision."""
-        if self._last_step < 0:
-            self._first_step = frame.step
-        elif frame.step != self._last_step + 1:
-            raise ValueError(f"step {frame.step} does not follow step {self._last_step}")
-        self._last_step = frame.step
+        self._check(frame.step, self._last_step + self._columns.rows + 1)
         if self._columns.add(frame):
             self.look(self._columns)
             self._columns.clear()
 
     def look(self, frames: FrameColumns) -> None:
-        """Take in a chunk of rows at once: for those who keep columns themselves."""
+        """Take in a chunk of rows at once, for those who keep columns themselves; ValueError as for `add`."""
         if frames.rows == 0:
             return
-        if self._first_step < 0:
-            self._first_step = int(frames.step[0])
+        self._check(int(frames.step[0]), self._last_step + 1)
         self._last_step = int(frames.step[frames.rows - 1])
         distance = self.tunnels.distance_to_home(frames.pose[: frames.rows, :, :2])
         self._trips.add(frames)
@@ -91,13 +86,17 @@ class EpisodeMonitor:
         return Episode(
             arena=self._arena,
             robots=self._robots,
-            decisions=max(0, self._last_step - max(0, self._first_step)),
+            decisions=max(0, self._last_step),
             tunnels=self.tunnels,
             trips=self._trips.trips,
             totals=self._trips.totals(),
             traffic=self._traffic.finish(max(0, self._last_step)),
             standstills=standstills,
         )
+
+    def _check(self, step: int, due: int) -> None:
+        if step != due:
+            raise ValueError(f"step {step} came where step {due} of the episode was due")
 
 
 class TeamMonitor:
@@ -108,14 +107,15 @@ class TeamMonitor:
         self.trajectories: list[Trajectory] = []
         """Seed and actions of each episode, to play it again."""
         self._monitors: list[EpisodeMonitor] = []
-        self._tunnels: Tunnels | None = None
+        self._tunnels: tuple[Arena, Tunnels] | None = None
 
     def begin(self, env: VectorEnv) -> None:
         """Begin to watch the episodes that have just begun."""
-        if self._tunnels is None:
-            self._tunnels = find_tunnels(env.arena)
+        if self._tunnels is None or self._tunnels[0] is not env.arena:
+            self._tunnels = env.arena, find_tunnels(env.arena)
+        tunnels = self._tunnels[1]
         env.world.meter_wheels()
-        self._monitors = [EpisodeMonitor(env.arena, env.robots, self._tunnels) for _ in range(env.num_envs)]
+        self._monitors = [EpisodeMonitor(env.arena, env.robots, tunnels) for _ in range(env.num_envs)]
         self.step(env)
 
     def step(self, env: VectorEnv) -> None:

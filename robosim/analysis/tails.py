@@ -33,7 +33,8 @@ class PowerLaw:
 def survival(values: ArrayLike) -> tuple[Floats, Floats]:
     """Return the sorted values, and the share of all values that are at least as large as each."""
     ordered = np.sort(np.asarray(values, dtype=np.float64))
-    return ordered, 1.0 - np.arange(len(ordered)) / max(len(ordered), 1)
+    smaller = ordered.searchsorted(ordered, side="left")
+    return ordered, 1.0 - smaller / max(len(ordered), 1)
 
 
 def fit_power_law(values: ArrayLike) -> PowerLaw | None:

@@ -77,6 +77,7 @@ class Traffic:
     """What the traffic of an episode came to."""
 
     visits: list[Visit]
+    """By end, then by robot."""
     windows: Windows
     robots_in_tunnel: Integers
     """[robots + 1] decisions after which so many robots were in the tunnels."""
@@ -138,7 +139,8 @@ class TrafficMeter:
         self._cells = np.zeros((2, shape[0] * shape[1]), dtype=np.int64)
         self._occupancy = np.zeros(shape[0] * shape[1] * PER_CELL**2, dtype=np.int64)
         self._shape = shape
-        self._window_part = np.zeros((tunnels.count, 2))
+        self._window_time = np.zeros(tunnels.count, dtype=np.int64)
+        self._window_way = np.zeros(tunnels.count)
         self._windows: list[Floats] = []
         self._was_active = np.zeros(robots, dtype=np.bool_)
         self._active: list[float] = []
@@ -181,6 +183,7 @@ class TrafficMeter:
             visits.append(
                 Visit(robot, tunnel, visit.start, step + 1, visit.entered, End.NOWHERE, visit.deepest)
             )
+        visits.sort(key=lambda visit: (visit.end, visit.robot))
         windows = np.concatenate(self._windows) if self._windows else np.zeros((0, 3))
         rows, columns = self._shape
         steps, track, near, laden = (
@@ -246,19 +249,24 @@ class TrafficMeter:
         count = self._tunnels.count
         if count == 0:
             return
-        toward = np.where(laden, -way, way)
-        cut = np.arange(len(now)) + self._decisions
-        window = cut // self._window
-        for number in range(int(window[0]), int(window[-1]) + 1):
-            rows = window == number
-            for tunnel in range(count):
-                here = now[rows] == tunnel
-                self._window_part[tunnel] += (here.sum() * self._period, toward[rows][here].sum())
-            if int(cut[rows][-1]) % self._window == self._window - 1:
-                span = self._window * self._period * self._tunnels.length
-                density, flow = (self._window_part / span[:, None]).T
-                self._windows.append(np.stack([np.arange(count), density, flow], axis=1))
-                self._window_part[:] = 0.0
+        number = (np.arange(len(now)) + self._decisions) // self._window - self._decisions // self._window
+        inside = now >= 0
+        # What the window has so far comes first, and `bincount` adds in order: chunks change no bit.
+        place = np.concatenate([np.arange(count), (number[:, None] * count + now)[inside]])
+        toward = np.concatenate([self._window_way, np.where(laden, -way, way)[inside]])
+        size = (int(number[-1]) + 1) * count
+        time = np.bincount(place, minlength=size).reshape(-1, count)
+        time[0] += self._window_time - 1
+        ways = np.bincount(place, toward, minlength=size).reshape(-1, count)
+        full = (self._decisions + len(now)) // self._window - self._decisions // self._window
+        length = self._tunnels.length
+        for one in range(full):
+            density = time[one] / (self._window * length)
+            flow = ways[one] / (self._window * self._period * length)
+            self._windows.append(np.stack([np.arange(count), density, flow], axis=1))
+        nothing = full == len(time)
+        self._window_time = np.zeros_like(time[0]) if nothing else time[-1].copy()
+        self._window_way = np.zeros_like(ways[0]) if nothing else ways[-1].copy()
 
     def _add_counts(
         self, now: Integers, laden: Bools, cell: tuple[Integers, Integers], place: Floats

@@ -60,6 +60,8 @@ class Totals(NamedTuple):
 class TripLog:
     """Takes chunks of frames; between them it keeps one row of sums for each robot.
 
+    A decision's time counts for the mode that it led to.
+
     A touch is a series of contacts of the same two bodies with no pause longer than a decision. The solver
     tells a contact's impulse for the last substep of each control period; the impulse of the period is taken
     to be as many times that as it has substeps.
@@ -68,7 +70,8 @@ class TripLog:
     def __init__(self, arena: Arena, robots: int) -> None:
         self._robots = robots
         self._timing = arena.timing
-        self._pairs = robots * (robots + arena.pellets.count + 1)
+        self._others = max(robots, arena.pellets.count) + 1
+        """Robots, or pellets, or one wall, counted from -1 on."""
         self._last_touch: dict[int, float] = {}
         self._sums = np.zeros((robots, _TALLIES))
         self._at_start = np.zeros((robots, _TALLIES))
@@ -86,16 +89,18 @@ class TripLog:
             self._begin[:] = frames.step[0]
             self._delivered = frames.delivered[0].copy()
             self._energy_before = frames.energy[0].copy()
-        if rows == first:
-            return
         gained = np.zeros((rows, self._robots, _TALLIES))
         mode = frames.mode[:rows, :, None] == np.arange(_MODES, dtype=np.uint8)
-        gained[..., :_MODES] = mode * self._timing.decision_period
+        gained[..., :_MODES] = mode
+        # Touches that the run begins with are none of its own, but may go on.
         self._add_contacts(frames, gained)
+        if rows == first:
+            return
         gained[..., _ENERGY] = np.diff(frames.energy[:rows], axis=0, prepend=self._energy_before[None])
         self._energy_before = frames.energy[rows - 1].copy()
+        # One addition after another from the first decision on: how rows are cut into chunks changes no bit.
+        gained[first] += self._sums
         sums = np.cumsum(gained[first:], axis=0)
-        sums += self._sums
         self._sums = sums[-1].copy()
         delivered = frames.delivered[first:rows]
         more = np.diff(delivered, axis=0, prepend=self._delivered[None])
@@ -109,7 +114,7 @@ class TripLog:
                     start=int(self._begin[robot]),
                     end=int(step[row]),
                     pellets=int(more[row, robot]),
-                    seconds=tuple(took[:_MODES].tolist()),
+                    seconds=tuple((took[:_MODES] * self._timing.decision_period).tolist()),
                     contacts=tuple(took[_CONTACTS].tolist()),
                     impulse=float(took[_IMPULSE]),
                     energy=float(took[_ENERGY]),
@@ -123,7 +128,7 @@ class TripLog:
         sums = self._sums
         return Totals(
             self._delivered.copy(),
-            sums[:, :_MODES].copy(),
+            sums[:, :_MODES] * self._timing.decision_period,
             sums[:, _CONTACTS].copy(),
             sums[:, _IMPULSE].copy(),
             sums[:, _ENERGY].copy(),
@@ -136,8 +141,7 @@ class TripLog:
         row, kind = frames.row_of_contact(), frames.contact_kind[:count]
         a, b = frames.contact_pair[:count].T
         impulse = frames.contact_impulse[:count] * self._timing.substeps
-        other = np.where(kind == ContactKind.ROBOT_PELLET, self._robots + b, b)
-        pair = (a * (self._pairs // self._robots) + other + 1) * _KINDS + kind
+        pair = (a * self._others + b + 1) * _KINDS + kind
         # Within a row contacts are in the order of time; rows follow each other.
         new = onsets(
             pair, frames.contact_time[:count], self._last_touch, 1.001 * self._timing.decision_period
