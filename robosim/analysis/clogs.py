@@ -9,16 +9,16 @@ The definition, in full:
 - Linked robots are a *group* if one of them is in a tunnel or its mouth (within a robot's length of it), and
   they are at least two, or one that touched a loose pellet. Groups that share a robot are the same in
   time, also over a pause of that robot shorter than `HOLD`.
-- A group's stay is cut where a robot completes a passage of the tunnel: came in at one end, left at the
-  other. A piece that lasts longer than k free-flow transit times of the tunnel is a *clog*. It begins
-  when its robots came to a halt, `HOLD` before they were recognised, or with the last passage since. A
-  passage in a pause ends the stay.
+- A stay begins when its first robots came to a halt, `HOLD` before they were recognised. It is cut where a
+  robot completes a passage of the tunnel that it began after that: came in at one end, left at the other.
+  In a pause, such a passage ends the stay, and the next there begins no earlier. A piece that lasts longer
+  than k free-flow transit times of the tunnel is a *clog*.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -46,7 +46,7 @@ ABREAST = 0.25
 
 
 class Cause(Enum):
-    """What stood in the way as a clog began; the first that holds."""
+    """What stood in the way as a clog began: the first that held at any time in its first `HOLD` s."""
 
     HEAD_ON = "head-on"
     """Two linked robots are bound opposite ways and have yet to pass each other."""
@@ -58,11 +58,14 @@ class Cause(Enum):
     """None of these: robots stand behind or beside each other, and the first does not move on."""
 
 
+_GRAVITY = {cause: number for number, cause in enumerate(Cause)}
+
+
 class Ending(Enum):
     """What ended a clog."""
 
     PASSAGE = "somebody got through"
-    """A robot completed a passage while the group still stood."""
+    """A robot completed a passage that it had begun while the group stood, and the group still stood."""
     TOOK_PELLET = "pellet taken"
     """One that stood to the end took a pellet in the `HOLD` before it or after it."""
     BACKED_OFF = "one backed off"
@@ -100,6 +103,8 @@ class _Onset:
     """How a piece of a stay began."""
 
     step: int
+    seen: int
+    """The decision after which it was recognised, or cut."""
     cause: Cause
     place: tuple[float, float]
     distance: float
@@ -110,6 +115,8 @@ class _Stay:
     """A group in time, since it was recognised or last cut by a passage."""
 
     tunnel: int
+    since: int
+    """When its first members came to a halt."""
     onset: _Onset
     members: set[int]
     """Every robot that was part of it since its onset."""
@@ -128,6 +135,7 @@ class _Stay:
 
     def take_in(self, other: _Stay) -> None:
         """Go on as one with another stay, which has grown together with this one."""
+        self.since = min(self.since, other.since)
         self.members |= other.members
         self.now |= other.now
         for robot, step in other.seen.items():
@@ -140,8 +148,6 @@ class _Chunk(NamedTuple):
     frames: FrameColumns
     distance: Floats
     groups: Groups
-    passages: list[Visit]
-    """That ended in these rows, in order of time."""
     picked: Integers
     """[rows, robots] last decision in which each robot took a pellet, or -1."""
 
@@ -155,7 +161,8 @@ class ClogFinder:
         self._finder = GroupFinder(arena, robots, tunnels)
         self._stays: list[_Stay] = []
         self._visits_seen = 0
-        self._passed = np.zeros(tunnels.count, dtype=np.int64)
+        self._shut = np.zeros(tunnels.count, dtype=np.int64)
+        """[tunnels] the last decision in which a passage ended a stay in its pause."""
         self._laden = np.ones(robots, dtype=np.bool_)
         self._picked = np.full(robots, -1)
         self.groups = Groups(
@@ -173,7 +180,7 @@ class ClogFinder:
         passages.sort(key=lambda visit: visit.end)
         self._visits_seen = len(visits)
         self.groups = self._finder.find(frames)
-        chunk = _Chunk(frames, distance, self.groups, passages, self._pickups(frames))
+        chunk = _Chunk(frames, distance, self.groups, self._pickups(frames))
         label, step = self.groups.label, frames.step[: frames.rows]
         changes = (np.flatnonzero((label[1:] != label[:-1]).any(axis=1)) + 1).tolist()
         for first, end in zip([0, *changes], [*changes, len(label)], strict=True):
@@ -184,15 +191,14 @@ class ClogFinder:
             begin, last = int(step[first]), int(step[end - 1])
             for visit in passages:
                 if begin <= visit.end <= last:
-                    self._cut(chunk, first + visit.end - begin, visit.tunnel)
+                    self._cut(chunk, first, first + visit.end - begin, visit)
             for stay in self._stays:
                 if stay.now:
+                    self._judge(chunk, stay, first, end)
                     stay.last, stay.stood = last, sorted(stay.now)
                     stay.seen.update(dict.fromkeys(stay.now, last))
                     stay.distance, stay.laden = distance[end - 1].copy(), frames.laden[end - 1].copy()
             self._end_gone(chunk, end)
-        for visit in passages:
-            self._passed[visit.tunnel] = visit.end
 
     def standing(self, transits: float = TRANSITS) -> list[tuple[int, frozenset[int]]]:
         """Return start and members of what stands at present, or pauses, and has long enough for a clog."""
@@ -245,11 +251,11 @@ class ClogFinder:
         cell_row, cell_column = self._tunnels.cells(place)
         tunnel = int(self._tunnels.near[cell_row, cell_column].max())
         step = int(chunk.frames.step[row])
-        passed = [visit.end for visit in chunk.passages if visit.tunnel == tunnel and visit.end <= step]
-        start = max(step - self._finder.hold, int(self._passed[tunnel]), *passed)
+        since = max(step - self._finder.hold, int(self._shut[tunnel]))
         return _Stay(
             tunnel,
-            self._onset(chunk, row, group, start),
+            since,
+            self._onset(chunk, row, group, since),
             set(group),
             set(group),
             dict.fromkeys(group, step),
@@ -263,7 +269,20 @@ class ClogFinder:
         members = sorted(group)
         x, y = chunk.frames.pose[row, members, :2].mean(axis=0).tolist()
         distance = float(chunk.distance[row, members].mean())
-        return _Onset(step, self._cause(chunk, row, members), (x, y), distance)
+        seen = int(chunk.frames.step[row])
+        return _Onset(step, seen, self._cause(chunk, row, members), (x, y), distance)
+
+    def _judge(self, chunk: _Chunk, stay: _Stay, first: int, end: int) -> None:
+        """Look for a graver cause in rows `first` to `end`, as far as they belong to the first `HOLD`."""
+        begin, onset = int(chunk.frames.step[first]), stay.onset
+        rows = range(
+            first + max(0, onset.seen + 1 - begin),
+            min(end, first + onset.seen + self._finder.hold + 1 - begin),
+        )
+        for row in rows:
+            cause = self._cause(chunk, row, sorted(stay.now))
+            if _GRAVITY[cause] < _GRAVITY[stay.onset.cause]:
+                stay.onset = replace(stay.onset, cause=cause)
 
     def _cause(self, chunk: _Chunk, row: int, members: list[int]) -> Cause:
         link = chunk.groups.link[row]
@@ -295,16 +314,22 @@ class ClogFinder:
         size = np.maximum(np.hypot(x, y), 1e-12)
         return np.asarray((x * np.cos(pose[:, 2]) + y * np.sin(pose[:, 2])) / size)
 
-    def _cut(self, chunk: _Chunk, row: int, tunnel: int) -> None:
-        """Somebody got through a tunnel: the clock of the groups that stand there starts anew."""
+    def _cut(self, chunk: _Chunk, first: int, row: int, visit: Visit) -> None:
+        """Somebody got through a tunnel at `row`: for groups that stood there before, the clock starts anew.
+
+        They have stood as they do since row `first`.
+        """
         step = int(chunk.frames.step[row])
         for stay in self._stays:
-            if stay.tunnel != tunnel:
+            if stay.tunnel != visit.tunnel or visit.start < stay.since:
                 continue
             if not stay.now:
-                # In a pause: whoever comes back begins a stay of its own.
-                stay.seen = {}
+                if step <= stay.last + self._finder.hold:
+                    # In its pause: whoever comes back begins a stay of its own.
+                    stay.seen = {}
+                    self._shut[stay.tunnel] = step
             elif stay.onset.step < step:
+                self._judge(chunk, stay, first, row)
                 self._end(stay, Ending.PASSAGE, step)
                 stay.members = set(stay.now)
                 stay.onset = self._onset(chunk, row, stay.now, step)

@@ -222,21 +222,22 @@ def alone_share(episode: Episode) -> Figure:
 
 
 def two_way_share(episode: Episode) -> Figure:
-    """Return time with laden and unladen robots in the tunnels at once, over the time with any."""
+    """Return time in which laden and unladen robots make way in the tunnels at once, over that with any."""
     return _share(
         float(episode.traffic.two_way), _sum(episode.traffic.robots_in_tunnel[1:]), _no_visit(episode)
     )
 
 
 def lane_segregation(episode: Episode) -> Figure:
-    """Return D = 1/2 sum |u_c / U - l_c / L| over cells c of the tunnels, of unladen and laden robots' time.
+    """Return D = 1/2 sum |u_c / U - l_c / L| over cells c of the tunnels; u, l: unladen and laden traffic.
 
-    0 when both use the same cells, 1 when each have their own. (Duncan and Duncan 1955.)
+    Traffic is the time in which robots make way there. 0 when both use the same cells, 1 when each have
+    their own. (Duncan and Duncan 1955.)
     """
     if episode.tunnels.count == 0:
         return NO_TUNNEL
     value = segregation(episode.traffic)
-    return NotDefined("not both laden and unladen robots were in a tunnel") if value is None else value
+    return NotDefined("not both laden and unladen robots made way in a tunnel") if value is None else value
 
 
 def median_lapse(episode: Episode) -> Figure:

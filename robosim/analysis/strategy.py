@@ -37,8 +37,8 @@ def classify(episode: Episode) -> Classified:
     """Return the strategy of an episode.
 
     One-at-a-Time: one robot alone in the tunnels for at least 80 % of the time in which there is any.
-    Bucket-Brigade: laden and unladen robots in the tunnels at once for at least 20 % of that time, and in
-    lanes of their own (segregation of at least 0.6). Neither: all else, and any team of one robot or with
+    Bucket-Brigade: laden and unladen robots make way in the tunnels at once for at least 20 % of that time,
+    in lanes of their own (segregation of at least 0.6). Neither: all else, and any team of one robot or with
     fewer than ten passages.
     """
     if episode.robots == 1:
@@ -50,7 +50,10 @@ def classify(episode: Episode) -> Classified:
     if isinstance(alone, NotDefined) or isinstance(both, NotDefined):
         return Classified(Strategy.NEITHER, "no robot was in a tunnel")
     apart = 0.0 if isinstance(lanes, NotDefined) else lanes
-    reason = f"alone {alone:.0%} of the time in use, both ways at once {both:.0%}, segregation {apart:.2f}"
+    reason = (
+        f"alone {100 * alone:.0f} % of the time in use, both ways at once {100 * both:.0f} %, "
+        f"segregation {apart:.2f}"
+    )
     if alone >= MOSTLY:
         return Classified(Strategy.ONE_AT_A_TIME, reason)
     if both >= BOTH_WAYS and apart >= LANES:

@@ -22,6 +22,8 @@ WINDOW = 30.0
 """Time over which flow and density are averaged for one point of the fundamental diagram, s."""
 ACTIVE_WINDOW = 120.0
 """Time within which an active robot has been in a tunnel, s: two to four free round trips."""
+MAKES_WAY = 0.25
+"""A robot makes way in a decision that brings it along the tunnel with this share of its top speed."""
 PER_CELL = 4
 """Squares of the occupancy map to a side of a cell."""
 TRACK_TIME = 1.5
@@ -82,9 +84,9 @@ class Traffic:
     robots_in_tunnel: Integers
     """[robots + 1] decisions after which so many robots were in the tunnels."""
     two_way: int
-    """Decisions after which laden and unladen robots were in the tunnels at once."""
+    """Decisions in which laden and unladen robots made way in the tunnels at once."""
     unladen_cells: Integers
-    """[rows, columns] decisions that unladen robots spent in each cell of the tunnels."""
+    """[rows, columns] decisions in which unladen robots made way in each cell of the tunnels."""
     laden_cells: Integers
     """[rows, columns] the same of laden robots."""
     occupancy: Integers
@@ -119,6 +121,7 @@ class TrafficMeter:
         self._tunnels = tunnels
         self._robots = robots
         self._length = arena.robot.length
+        self._least_way = MAKES_WAY * arena.robot.top_speed * arena.timing.decision_period
         period = arena.timing.decision_period
         self._period = period
         self._window = max(1, round(WINDOW / period))
@@ -168,7 +171,8 @@ class TrafficMeter:
         if len(now):
             self._add_visits(frames.step[first : frames.rows], before, now, distance[first:])
             self._add_windows(now, distance[first:] - was, carried)
-            self._add_counts(now, laden[first:], (rows[first:], columns[first:]), place[first:])
+            moving = np.abs(distance[first:] - was) >= self._least_way
+            self._add_counts(now, moving, laden[first:], (rows[first:], columns[first:]), place[first:])
             self._add_activity(now)
             self._stops += (frames.action[first : frames.rows] == STOP).sum(axis=0)
             self._decisions += len(now)
@@ -269,11 +273,13 @@ class TrafficMeter:
         self._window_way = np.zeros_like(ways[0]) if nothing else ways[-1].copy()
 
     def _add_counts(
-        self, now: Integers, laden: Bools, cell: tuple[Integers, Integers], place: Floats
+        self, now: Integers, moving: Bools, laden: Bools, cell: tuple[Integers, Integers], place: Floats
     ) -> None:
         rows, columns = self._shape
         within = now >= 0
         self._count += np.bincount(within.sum(axis=1), minlength=self._robots + 1)
+        # Who stands in a jam is no traffic: its lane and direction say nothing of how the team shares.
+        within = within & moving
         both = (within & laden).any(axis=1) & (within & ~laden).any(axis=1)
         self._two_way += int(both.sum())
         flat = cell[0] * columns + cell[1]
@@ -307,9 +313,9 @@ class TrafficMeter:
 def segregation(traffic: Traffic) -> float | None:
     """Return how far laden and unladen robots keep to different cells of the tunnels, 0 to 1.
 
-    D = 1/2 sum |u_c / U - l_c / L| over the cells c, with the time that unladen and laden robots spend in
-    them: the dissimilarity index (Duncan and Duncan 1955). Two separate lanes give 1, a shared one 0. None
-    unless both have been in a tunnel.
+    D = 1/2 sum |u_c / U - l_c / L| over the cells c, with the time in which unladen and laden robots make
+    way in them: the dissimilarity index (Duncan and Duncan 1955). Two separate lanes give 1, a shared one 0.
+    None unless both have made way in a tunnel.
     """
     unladen, laden = traffic.unladen_cells.sum(), traffic.laden_cells.sum()
     if unladen == 0 or laden == 0:

@@ -152,8 +152,14 @@ class PlainCounts:
             frame = run.frames[step]
             there = [robot for robot in range(run.robots) if run.inside[step][robot] >= 0]
             self.robots_in_tunnel[len(there)] += 1
-            self.two_way += len({bool(frame.laden[robot]) for robot in there}) == 2
-            for robot in there:
+            least = 0.25 * run.arena.robot.top_speed * run.period
+            moving = [
+                robot
+                for robot in there
+                if abs(run.to_home[step][robot] - run.to_home[step - 1][robot]) >= least
+            ]
+            self.two_way += len({bool(frame.laden[robot]) for robot in moving}) == 2
+            for robot in moving:
                 key = (bool(frame.laden[robot]), *run.cell(run.place[step][robot]))
                 self.cells[key] = self.cells.get(key, 0) + 1
             for robot in range(run.robots):
@@ -277,7 +283,8 @@ class PlainGroups:
 
 class PlainStay:
     def __init__(self, start: int, tunnel: int, group: list[int]) -> None:
-        self.start, self.tunnel = start, tunnel
+        self.start, self.since, self.tunnel = start, start, tunnel
+        self.recognised = -1
         self.members = set(group)
         self.seen: dict[int, int] = {}
         self.standing: set[int] = set()
@@ -295,7 +302,8 @@ class PlainClogs:
         self.groups = PlainGroups(run, hold)
         self.stays: list[PlainStay] = []
         self.found: list[dict[str, Any]] = []
-        self.passages = [(visit[3], visit[1]) for visit in plain_visits(run) if is_passage(visit)]
+        self.shut: dict[int, int] = {}
+        self.passages = [(visit[2], visit[3], visit[1]) for visit in plain_visits(run) if is_passage(visit)]
         for step in range(run.last + 1):
             self._decision(step)
         for stay in self.stays:
@@ -307,11 +315,15 @@ class PlainClogs:
             stay.standing = set()
         for group in self.groups.groups[step]:
             self._place(step, group)
-        for end, tunnel in self.passages:
+        for begin, end, tunnel in self.passages:
             if end == step:
-                self._passage(step, tunnel)
+                self._passage(begin, step, tunnel)
         for stay in list(self.stays):
             if stay.standing:
+                if step <= stay.recognised + self.hold:
+                    causes = ["HEAD_ON", "PELLET", "TURNING", "QUEUE"]
+                    graver = min(self._cause(step, sorted(stay.standing)), stay.onset[0], key=causes.index)
+                    stay.onset = (graver, *stay.onset[1:])
                 stay.last, stay.stood = step, set(stay.standing)
                 for robot in stay.standing:
                     stay.seen[robot] = step
@@ -329,14 +341,14 @@ class PlainClogs:
         ]
         if not mine:
             tunnel = max(self.groups.near(step, robot) for robot in group)
-            passed = [end for end, number in self.passages if number == tunnel and end <= step]
-            stay = PlainStay(max([step - self.hold, *passed]), tunnel, group)
-            stay.onset = self._onset(step, group)
+            stay = PlainStay(max(step - self.hold, self.shut.get(tunnel, 0)), tunnel, group)
+            stay.onset, stay.recognised = self._onset(step, group), step
             self.stays.append(stay)
         else:
             stay = min(mine, key=lambda one: one.start)
             for other in mine:
                 if other is not stay:
+                    stay.since = min(stay.since, other.since)
                     stay.members |= other.members
                     stay.standing |= other.standing
                     for robot, seen in other.seen.items():
@@ -347,16 +359,17 @@ class PlainClogs:
         for robot in group:
             stay.seen[robot] = step
 
-    def _passage(self, step: int, tunnel: int) -> None:
+    def _passage(self, begin: int, step: int, tunnel: int) -> None:
         for stay in self.stays:
-            if stay.tunnel != tunnel:
+            if stay.tunnel != tunnel or begin < stay.since:
                 continue
             if not stay.standing:
                 stay.shut = True
+                self.shut[stay.tunnel] = step
             elif stay.start < step:
                 self._end(stay, "PASSAGE", step)
                 stay.start, stay.members = step, set(stay.standing)
-                stay.onset = self._onset(step, sorted(stay.standing))
+                stay.onset, stay.recognised = self._onset(step, sorted(stay.standing)), step
 
     def _onset(self, step: int, group: list[int]) -> tuple[str, tuple[float, float], float]:
         places = [self.run.place[step][robot] for robot in group]

@@ -350,9 +350,9 @@ def test_every_passage_cuts_whoever_passes_first():
     """Robot 2 comes through after robot 3 does, but has the lower number."""
     script = head_on("paper", robots=4)
     _passes(script, HALT + 60, 2, 4)
-    _passes(script, HALT + 25, 3, 4)
+    _passes(script, HALT + 35, 3, 4)
     pieces = [(clog.start, clog.end) for clog in found(script)]
-    assert pieces == [(HALT, HALT + 25), (HALT + 25, HALT + 60), (HALT + 60, STEPS + 1)]
+    assert pieces == [(HALT, HALT + 35), (HALT + 35, HALT + 60), (HALT + 60, STEPS + 1)]
 
 
 def test_a_passage_of_another_tunnel_cuts_nothing():
@@ -361,11 +361,32 @@ def test_a_passage_of_another_tunnel_cuts_nothing():
     assert [(clog.start, clog.end) for clog in found(script)] == [(HALT, STEPS + 1)]
 
 
-def test_a_clog_begins_no_earlier_than_the_last_passage():
-    """The third robot gets through between the halt and its recognition."""
+@pytest.mark.parametrize(("leaves", "pieces"), [(4, 1), (26, 1), (29, 2)])
+def test_a_passage_that_was_under_way_before_the_halt_cuts_nothing(leaves, pieces):
+    """The third robot is 28 decisions in the tunnel: it may have been past the place when the two met."""
     script = head_on("paper")
-    _passes(script, HALT + 4, arena_row=4)
-    assert [(clog.start, clog.end) for clog in found(script)] == [(HALT + 4, STEPS + 1)]
+    _passes(script, HALT + leaves, arena_row=4)
+    assert len(found(script)) == pieces
+    assert found(script)[0].start == HALT
+
+
+def test_the_gravest_cause_of_the_first_three_seconds_counts():
+    """A queue is recognised; the one that it waits for, bound the other way, has its part 1 s later."""
+    script = Script("single-lane", 3, STEPS)
+    for robot, x in ((0, X + 0.2), (1, X + 0.1)):
+        arrive(script, robot, x, -1)
+        script.laden[:, robot] = True
+    script.meet(range(HALT + 1, STEPS + 1), 0, 1)
+    assert found(script)[0].cause is Cause.QUEUE
+    arrive(script, 2, X, 1, halt=HALT + 3)
+    script.meet(range(HALT + 4, STEPS + 1), 1, 2)
+    (clog,) = found(script)
+    assert (clog.start, clog.members, clog.cause) == (HALT, (0, 1, 2), Cause.HEAD_ON)
+    late = Script("single-lane", 3, STEPS)
+    late.pose[:], late.laden[:], late.action[:] = script.pose, script.laden, script.action
+    late.meet(range(HALT + 1, STEPS + 1), 0, 1)
+    late.meet(range(HALT + HOLD + 12, STEPS + 1), 1, 2)
+    assert found(late)[0].cause is Cause.QUEUE
 
 
 def test_a_passage_in_a_pause_ends_the_stay():

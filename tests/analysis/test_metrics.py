@@ -160,8 +160,8 @@ STUCK = {
     "passages": 0.0,
     "tunnel density": 2 / 1.65,
     "tunnel flow": 0.0,
-    "two-way traffic": 1.0,
-    "lane segregation": pytest.approx(1.0),  # in the cells left and right of 1.95 m
+    "two-way traffic": 0.0,  # who stands is no traffic
+    "lane segregation": NotDefined("not both laden and unladen robots made way in a tunnel"),
     "lapse between passages, median": NotDefined("fewer than two passages of a tunnel"),
     # The touch of decision 70 holds until 79. The next is recognised at once and begins HOLD before, at 100.
     "clogs": 2.0,

@@ -35,7 +35,7 @@ def test_one_that_goes_while_the_other_waits_is_one_at_a_time():
     """Robot 1 never leaves the home."""
     verdict = classify(lanes([0]).watch())
     assert verdict.strategy is ONE
-    assert verdict.reason == "alone 100% of the time in use, both ways at once 0%, segregation 1.00"
+    assert verdict.reason == "alone 100 % of the time in use, both ways at once 0 %, segregation 1.00"
 
 
 def test_both_ways_in_lanes_of_their_own_is_a_bucket_brigade():

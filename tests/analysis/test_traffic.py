@@ -121,10 +121,14 @@ def test_each_tunnel_has_its_windows():
 
 
 def test_robots_in_the_tunnels_are_counted_after_each_decision():
-    """Alone, then two of the same kind, then of both kinds; the state at the start counts nowhere."""
+    """Alone, then two of the same kind, then of both kinds; the state at the start counts nowhere.
+
+    Only who makes way is traffic: a quarter of the top speed along the tunnel, and no less.
+    """
     script = Script("paper", 3, 60)
-    script.pose[0:41, 0, :2] = middle(10, 3)
-    script.pose[11:41, 1, :2] = middle(12, 3)
+    to_and_fro = 0.26 * TOP * (np.arange(61) % 2)[:, None] * (1.0, 0.0)
+    script.pose[0:41, 0, :2] = middle(10, 3) + to_and_fro[:41]
+    script.pose[11:41, 1, :2] = middle(12, 3) + to_and_fro[11:41]
     script.laden[21:, 1] = True
     traffic = script.watch().traffic
     assert traffic.robots_in_tunnel.tolist() == [20, 10, 30, 0]
@@ -132,6 +136,13 @@ def test_robots_in_the_tunnels_are_counted_after_each_decision():
     assert traffic.unladen_cells[3, 10] == 40
     assert traffic.unladen_cells[3, 12] == 10
     assert traffic.laden_cells[3, 12] == traffic.laden_cells.sum() == 20
+    slower = Script("paper", 3, 60)
+    slower.pose[:], slower.laden[:] = script.pose, script.laden
+    slower.pose[..., 0] -= np.where(np.arange(61) % 2, 0.02 * TOP, 0.0)[:, None]
+    stuck = slower.watch().traffic
+    assert stuck.robots_in_tunnel.tolist() == [20, 10, 30, 0]
+    assert stuck.two_way == stuck.laden_cells.sum() == 0
+    assert stuck.unladen_cells.sum() == 1, "that of the robot that appears out of nowhere"
     assert traffic.occupancy.sum() == 3 * 60, "everywhere, not only in the tunnels"
     assert traffic.occupancy[3 * PER_CELL + 2, 10 * PER_CELL + 2] == 40
 
@@ -153,6 +164,7 @@ def test_half_a_shared_lane_is_half_a_segregation():
             middle(10 + robot, 3),
             middle(11 + robot, 3),
         )
+        script.pose[:, robot, 0] += 0.3 * TOP * (np.arange(41) % 2)
     script.laden[:, 1] = True
     assert segregation(script.watch().traffic) == pytest.approx(0.5)
 
