@@ -50,8 +50,10 @@ class Metric:
 
     @property
     def definition(self) -> str:
-        """The formula and the source, from the docstring."""
-        return " ".join((self.compute.__doc__ or "").split())
+        """The formula and the source, from the docstring: what it says that the function returns."""
+        words = " ".join((self.compute.__doc__ or "").split()).removeprefix("Return ")
+        # A formula keeps its letter: G = ..., k = ....
+        return words if words[1:2] == " " else words[:1].upper() + words[1:]
 
 
 @dataclass(frozen=True, slots=True)

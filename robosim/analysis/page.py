@@ -16,7 +16,6 @@ from robosim.analysis.style import COLUMN, Rendered
 from robosim.analysis.tables import clogged_share_by_transits
 from robosim.analysis.words import (
     clog_definition,
-    definition_of,
     mean_share,
     minutes,
     number_of,
@@ -193,7 +192,7 @@ def _metric_table(summaries: Sequence[Summary]) -> str:
             Column("std", stds, True),
             Column("n", [str(len(summary.values)) for summary in summaries], True),
             Column("unit", [text(metric.unit) for metric in metrics]),
-            Column("what it is", [code(definition_of(metric)) for metric in metrics]),
+            Column("what it is", [code(metric.definition) for metric in metrics]),
         ]
     )
     return (

@@ -124,6 +124,13 @@ def lorenz(episodes: Sequence[Episode]) -> Figure:
 def fundamental_diagram(episodes: Sequence[Episode]) -> Figure:
     """Draw flow against density: a point for each tunnel in each 30 s, their mean, and free flow."""
     figure, axes = one_axes(COLUMN, 2.7)
+    if draw_flow(axes, episodes):
+        put_legend_above(figure, 2)
+    return figure
+
+
+def draw_flow(axes: Axes, episodes: Sequence[Episode]) -> bool:
+    """Draw flow against density into `axes`; return whether there was any to draw."""
     axes.set_xlabel("density k, robots / m")
     axes.set_ylabel("flow q, robots / s")
     tunnels = episodes[0].tunnels.count
@@ -135,7 +142,7 @@ def fundamental_diagram(episodes: Sequence[Episode]) -> Figure:
         if tunnels and len(density) == 0:
             why = f"the run is shorter than {WINDOW:.0f} s"
         say(axes, f"{why}: there is no flow to average")
-        return figure
+        return False
     for number in range(tunnels):
         here = tunnel == number
         axes.plot(
@@ -166,8 +173,7 @@ def fundamental_diagram(episodes: Sequence[Episode]) -> Figure:
         axes.axhline(0.0, color=FAINT, linewidth=0.6, zorder=0)
     axes.set_xlim(0.0, right)
     axes.set_ylim(bottom, top)
-    put_legend_above(figure, 2)
-    return figure
+    return True
 
 
 def lapse_survival(episodes: Sequence[Episode]) -> Figure:

@@ -135,7 +135,7 @@ def _draw(
     panels = figure.subplots(rows, 1, squeeze=False)[:, 0]
     unit = time_unit(episode.seconds)
     for panel, (span, tunnel) in zip(panels, itertools.product(spans, tunnels), strict=True):
-        _draw_panel(panel, episode, tunnel, span, unit, near=near)
+        draw_panel(panel, episode, tunnel, span, unit, near=near)
         if len(tunnels) > 1:
             panel.set_ylabel(f"tunnel {tunnel}")
             panel.tick_params(axis="x", labelbottom=tunnel == tunnels[-1])
@@ -153,7 +153,8 @@ def _draw(
     return figure
 
 
-def _draw_panel(axes: Axes, episode: Episode, tunnel: int, span: Span, unit: TimeUnit, *, near: bool) -> None:
+def draw_panel(axes: Axes, episode: Episode, tunnel: int, span: Span, unit: TimeUnit, *, near: bool) -> None:
+    """Draw the way of every robot along one tunnel, and its clogs, within `span`; numbered from `near`."""
     period = episode.arena.timing.decision_period
     begin, length = float(episode.tunnels.home_end[tunnel]), float(episode.tunnels.length[tunnel])
     axes.axhspan(begin, begin + length, facecolor=_TUNNEL, linewidth=0, zorder=0)

@@ -6,20 +6,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from robosim.analysis.clogs import TRANSITS
-from robosim.analysis.metrics import Figure, Metric, NotDefined, clogged_share, clogs, told_to_stop
+from robosim.analysis.metrics import Figure, NotDefined, clogged_share, clogs, told_to_stop
 from robosim.analysis.monitor import Episode
 from robosim.analysis.strategy import Strategy, classify
 from robosim.analysis.tables import counted
 
 _OFTEN = 0.05
 """Share of decisions from which on it is worth a sentence."""
-
-
-def definition_of(metric: Metric) -> str:
-    """Return what a metric is as a sentence, in place of what its function does."""
-    words = metric.definition.removeprefix("Return ")
-    # A formula keeps its letter: G = ..., k = ....
-    return words if words[1:2] == " " else words[:1].upper() + words[1:]
 
 
 def congestion_lines(episodes: Sequence[Episode]) -> list[tuple[str, str]]:

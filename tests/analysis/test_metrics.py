@@ -192,7 +192,9 @@ def test_every_figure_is_worked_out_somewhere():
 
 def test_every_figure_has_a_definition():
     for metric in METRICS:
-        assert metric.definition.startswith("Return ")
+        assert (metric.compute.__doc__ or "").startswith("Return ")
+        assert not metric.definition.startswith("Return")
+        assert len(metric.definition) > 15
         assert metric.definition.endswith((".", ")"))
         assert "  " not in metric.definition
 

@@ -22,7 +22,7 @@ from robosim.analysis.metrics import METRICS, NotDefined, clogs, shown, summaris
 from robosim.analysis.report import write_report
 from robosim.analysis.strategy import classify
 from robosim.analysis.style import COLUMN, Rendered
-from robosim.analysis.words import congestion_lines, definition_of
+from robosim.analysis.words import congestion_lines
 from robosim.discretise.modes import Mode
 from robosim.envs.trajectory import load_trajectory
 from robosim.errors import InputError
@@ -141,7 +141,7 @@ def test_the_table_of_metrics_is_that_of_the_summaries(run):
             "" if isinstance(std, NotDefined) else shown(std),
             str(len(summary.values)),
             metric.unit,
-            definition_of(metric).replace("`", ""),
+            metric.definition.replace("`", ""),
         ]
     if run == "one robot":
         gini = next(row for row in rows if row[0].startswith("Gini"))
@@ -397,7 +397,7 @@ def test_a_folder_that_fills_meanwhile_is_left_alone(tmp_path, there, name):
 def test_the_docs_table_of_metrics_is_the_code_s():
     rows = ["| metric | unit | what it is |", "|---|---|---|"]
     for metric in METRICS:
-        definition = definition_of(metric).replace("|", "\\|")
+        definition = metric.definition.replace("|", "\\|")
         rows.append(f"| {metric.name} | {metric.unit} | {definition} |".replace("|  |", "| |"))
     assert "\n".join(rows) in DOCS.read_text(encoding="utf-8")
 

@@ -1,0 +1,91 @@
+"""Draw teams below each other: five minutes in the tunnel on the left, flow against density on the right.
+
+    python tools/compare_reports.py REPORT... --png jams.png
+
+REPORT is a folder that `robosim evaluate --report` wrote; its episodes are run again. The minutes shown are
+those in which the longest clog of a team begins, or the first ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from PIL import Image
+
+from robosim.analysis.metrics import clogged_share, pellets, summarise
+from robosim.analysis.monitor import Episode, EpisodeMonitor
+from robosim.analysis.plots import draw_flow
+from robosim.analysis.spacetime import Span, draw_panel, longest_clog
+from robosim.analysis.style import look, time_unit
+from robosim.arena import parse_arena
+from robosim.envs.replay import replay
+from robosim.envs.trajectory import load_trajectory
+
+STRIP = 300.0
+"""Time shown of each team, s."""
+BEFORE = 120.0
+"""Of that, before its longest clog, s."""
+
+
+def episodes_of(report: Path) -> tuple[str, list[Episode]]:
+    """Return who drove the episodes that a report keeps, and what they were like."""
+    driver, measured = "", []
+    for path in sorted((report / "episodes").glob("*.npz"), key=lambda path: int(path.stem)):
+        trajectory = load_trajectory(path)
+        frames = replay(trajectory)
+        first = next(frames)
+        monitor = EpisodeMonitor(parse_arena(trajectory.arena, str(path)), trajectory.robots)
+        monitor.add(first)
+        for frame in frames:
+            monitor.add(frame)
+        measured.append(monitor.finish())
+        driver = trajectory.policy
+    return driver, measured
+
+
+def title(driver: str, episodes: list[Episode]) -> str:
+    """Return who drove, and how it went."""
+    figures = {summary.metric.compute: summary for summary in summarise(episodes)}
+    brought, share = figures[pellets].values, figures[clogged_share].values
+    return (
+        f"{driver}, {episodes[0].arena.name}, {episodes[0].robots} robots: {brought.mean():.0f} pellets "
+        f"in an episode, clogged {100 * share.mean():.0f} % of the time"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("reports", type=Path, nargs="+")
+    parser.add_argument("--png", type=Path, default=Path("jams.png"))
+    options = parser.parse_args()
+    with look():
+        rows = len(options.reports)
+        figure = Figure(figsize=(10.0, 0.6 + 1.75 * rows), layout="constrained")
+        panels = figure.subplots(rows, 2, width_ratios=(3.4, 1.0), squeeze=False)
+        for (left, right), report in zip(panels, options.reports, strict=True):
+            driver, episodes = episodes_of(report)
+            number, clog = longest_clog(episodes)
+            episode = episodes[number]
+            start = clog.start * episode.arena.timing.decision_period if clog else 0.0
+            begin = max(0.0, min(start - BEFORE, episode.seconds - STRIP))
+            draw_panel(left, episode, 0, Span(begin, begin + STRIP), time_unit(episode.seconds), near=False)
+            left.set_ylabel("from home, m")
+            left.set_title(title(driver, episodes), loc="left", fontsize=9)
+            draw_flow(right, episodes)
+            print(f"{report}: {title(driver, episodes)}", flush=True)
+        for left, right in panels[:-1]:
+            right.set_xlabel("")
+            left.set_xlabel("")
+        panels[-1][0].set_xlabel("time, min (blue: unladen, orange: laden, hatched: clog)")
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=120)
+    # A palette is all that flat colours need, and a third of the size.
+    with Image.open(buffer) as image:
+        image.convert("RGB").quantize(64, dither=Image.Dither.NONE).save(options.png, optimize=True)
+
+
+if __name__ == "__main__":
+    main()
