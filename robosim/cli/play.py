@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import subprocess
 import sys
 import time
@@ -14,7 +15,14 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
+    from robosim.analysis.clogs import Clog
+    from robosim.control.controller import Controller
+    from robosim.envs.trajectory import Trajectory
+    from robosim.envs.vector import VectorEnv
     from robosim.playback.episode import OnStep, Recorded
+
+AROUND = 5.0
+"""Time before and after a clog that `--clogs-only` records, s."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +44,11 @@ class Play:
     """The recording to write."""
     save_trajectory: Annotated[Path | None, tyro.conf.arg(metavar="RUN.npz")] = None
     """Keep the episode as seed and actions too: a small file that `robosim play` can run again."""
+    clogs_only: bool = False
+    """Run twice: watch for clogs first, then record only them and a little before and after each. Without a
+    clog nothing is recorded."""
+    around: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
+    """Simulated time before and after each clog that `--clogs-only` records; by default 5."""
     view: bool = False
     """Open the recording in the viewer when it is done."""
 
@@ -48,45 +61,130 @@ class Play:
             raise InputError(f"--steps is {self.steps}: it must be at least 1.")
         if self.seed is not None and self.seed < 0:
             raise InputError(f"--seed is {self.seed}: it must not be negative.")
-        wanted, recorded = self._run_again() if Path(self.policy).suffix == SUFFIX else self._run_policy()
-        print(
-            f"{self.save}: {recorded.decisions} decisions, {recorded.delivered} pellets, "
-            f"{self.save.stat().st_size / 1e6:.1f} MB\nopen it with: rerun {self.save}"
-        )
-        if recorded.decisions < wanted:
-            raise KeyboardInterrupt
-        if self.view:
+        self._check_around()
+        again = Path(self.policy).suffix == SUFFIX
+        if self.clogs_only:
+            recorded = self._run_clogs(again)
+        else:
+            recorded = self._run_again() if again else self._run_policy()
+        if recorded and self.view:
             # By module, since the viewer's command need not be on the path.
             viewer = [sys.executable, "-m", "rerun", str(self.save.resolve())]
             subprocess.Popen(viewer, start_new_session=True)  # noqa: S603  # our own interpreter, an absolute path
 
-    def _run_policy(self) -> tuple[int, Recorded]:
-        """Return the decisions wanted, and what was recorded."""
+    def _check_around(self) -> None:
+        from robosim.errors import InputError
+
+        if self.around is None:
+            return
+        if not self.clogs_only:
+            raise InputError("--around says how much to record around clogs: it needs --clogs-only.")
+        if not (math.isfinite(self.around) and self.around >= 0.0):
+            raise InputError(f"--around is {self.around:g}: it must be 0 or more seconds.")
+
+    def _say_done(self, what: str, complete: bool) -> None:
+        size = self.save.stat().st_size / 1e6
+        print(f"{self.save}: {what}, {size:.1f} MB\nopen it with: rerun {self.save}")
+        if not complete:
+            raise KeyboardInterrupt
+
+    def _say_recorded(self, recorded: Recorded, wanted: int) -> None:
+        what = f"{recorded.decisions} decisions, {recorded.delivered} pellets"
+        self._say_done(what, recorded.decisions == wanted)
+
+    def _run_policy(self) -> bool:
+        from robosim.playback.episode import record_episode
+
+        controller, env = self._team()
+        with _show_progress(env.episode_steps) as on_step:
+            recorded = record_episode(controller, env, self.save, about=self._about(), on_step=on_step)
+        self._save_trajectory(env.trajectory(policy=self.policy))
+        self._say_recorded(recorded, env.episode_steps)
+        return True
+
+    def _run_again(self) -> bool:
+        from robosim.playback.episode import record_trajectory
+
+        trajectory = self._load()
+        wanted = len(trajectory.chosen)
+        with _show_progress(wanted) as on_step:
+            recorded = record_trajectory(
+                trajectory,
+                self.save,
+                about=self._about(trajectory),
+                on_step=on_step,
+                source=self.policy,
+            )
+        self._say_recorded(recorded, wanted)
+        return True
+
+    def _run_clogs(self, again: bool) -> bool:
+        """Watch first, then record the clogs; return whether there were any."""
+        from robosim.arena import parse_arena
+        from robosim.playback.episode import (
+            decisions_run,
+            record_trajectory,
+            spans_around,
+            watch_episode,
+            watch_trajectory,
+            widened,
+        )
+        from robosim.playback.file import require_recording
+
+        require_recording(self.save)
+        if again:
+            trajectory = self._load()
+            about = self._about(trajectory)
+            with _show_progress(len(trajectory.chosen), "watching") as on_step:
+                clogs = watch_trajectory(trajectory, on_step=on_step, source=self.policy)
+        else:
+            controller, env = self._team()
+            about = self._about()
+            with _show_progress(env.episode_steps, "watching") as on_step:
+                clogs = watch_episode(controller, env, on_step=on_step)
+            trajectory = env.trajectory(policy=self.policy)
+            self._save_trajectory(trajectory)
+        decisions = len(trajectory.chosen)
+        if not clogs:
+            print(f"No clog in {decisions} decisions: nothing to record, {self.save} was not written.")
+            return False
+        around = AROUND if self.around is None else self.around
+        arena = parse_arena(trajectory.arena, self.policy)
+        spans = spans_around(clogs, around, arena)
+        wanted = decisions_run(spans, decisions, arena)
+        about["recorded"] = f"{_number(clogs)}, and {around:g} s before and after each"
+        with _show_progress(wanted, "recording") as on_step:
+            recorded = record_trajectory(
+                trajectory, self.save, about=about, spans=spans, on_step=on_step, source=self.policy
+            )
+        kept = sum(end - start for start, end in widened(spans, decisions))
+        complete = recorded.decisions == wanted
+        what = f"{kept} of {decisions} decisions" if complete else f"up to decision {recorded.decisions}"
+        self._say_done(f"{_number(clogs)}, {what}", complete)
+        return True
+
+    def _team(self) -> tuple[Controller, VectorEnv]:
         from robosim.control.controller import make_controller
         from robosim.control.environment import environment_for
         from robosim.envs.trajectory import require_place
-        from robosim.playback.episode import record_episode
 
         if self.save_trajectory is not None:
             require_place(self.save_trajectory)
-        seed = self.seed or 0
         controller = make_controller(self.policy)
         env = environment_for(
-            controller, self.arena, self.robots, seed=seed, episode_steps=self.steps, autoreset=False
+            controller,
+            self.arena,
+            self.robots,
+            seed=self.seed or 0,
+            episode_steps=self.steps,
+            autoreset=False,
         )
-        about = {"policy": self.policy, "seed": str(seed)}
-        with _show_progress(env.episode_steps) as on_step:
-            recorded = record_episode(controller, env, self.save, about=about, on_step=on_step)
-        if self.save_trajectory is not None:
-            env.trajectory(policy=self.policy).save(self.save_trajectory)
-            print(f"{self.save_trajectory}: run it again with: robosim play {self.save_trajectory}")
-        return env.episode_steps, recorded
+        return controller, env
 
-    def _run_again(self) -> tuple[int, Recorded]:
-        """Return the decisions wanted, and what was recorded."""
+    def _load(self) -> Trajectory:
+        """Return the trajectory to run again, as far as it is wanted."""
         from robosim.envs.trajectory import load_trajectory
         from robosim.errors import InputError
-        from robosim.playback.episode import record_trajectory
 
         for option in ("arena", "robots", "seed", "save_trajectory"):
             if getattr(self, option) is not None:
@@ -99,26 +197,34 @@ class Play:
         wanted = length if self.steps is None else self.steps
         if wanted > length:
             raise InputError(f"--steps is {wanted}: {self.policy} holds {length} decisions.")
-        about = {
+        return replace(trajectory, chosen=trajectory.chosen[:wanted])
+
+    def _about(self, trajectory: Trajectory | None = None) -> dict[str, str]:
+        if trajectory is None:
+            return {"policy": self.policy, "seed": str(self.seed or 0)}
+        return {
             "policy": trajectory.policy or "unknown",
             "trajectory": Path(self.policy).name,
             "environment_seed": str(trajectory.seed),
             "episode": str(trajectory.episode),
         }
-        with _show_progress(wanted) as on_step:
-            recorded = record_trajectory(
-                replace(trajectory, chosen=trajectory.chosen[:wanted]),
-                self.save,
-                about=about,
-                on_step=on_step,
-                source=self.policy,
-            )
-        return wanted, recorded
+
+    def _save_trajectory(self, trajectory: Trajectory) -> None:
+        if self.save_trajectory is not None:
+            trajectory.save(self.save_trajectory)
+            print(f"{self.save_trajectory}: run it again with: robosim play {self.save_trajectory}")
+
+
+def _number(clogs: list[Clog]) -> str:
+    return "1 clog" if len(clogs) == 1 else f"{len(clogs)} clogs"
 
 
 @contextlib.contextmanager
-def _show_progress(steps: int) -> Iterator[OnStep]:
-    """Yield what shows the decisions taken: a bar in a terminal, ten lines in a pipe."""
+def _show_progress(steps: int, doing: str = "") -> Iterator[OnStep]:
+    """Yield what shows the decisions taken: a bar in a terminal, ten lines in a pipe.
+
+    `doing` names the pass, where there are two.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -133,13 +239,13 @@ def _show_progress(steps: int) -> Iterator[OnStep]:
 
         def print_line(step: int, delivered: int) -> None:
             if step % every == 0 or step == steps:
-                print(f"step {step}/{steps}  {figures(step, delivered)}", flush=True)
+                print(f"{doing} step {step}/{steps}  {figures(step, delivered)}".lstrip(), flush=True)
 
         yield print_line
         return
 
     columns = (
-        TextColumn("recording"),
+        TextColumn(doing or "recording"),
         BarColumn(),
         TextColumn("{task.completed:.0f}/{task.total:.0f}  {task.fields[figures]}  left"),
         TimeRemainingColumn(),

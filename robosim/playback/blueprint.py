@@ -43,7 +43,7 @@ def make_blueprint(arena: Arena, robots: int) -> rrb.Blueprint:
         lower = rrb.Horizontal(modes, plots, words, column_shares=[1.6, 1.7, 0.8])
         layout = rrb.Vertical(view, legend, lower, row_shares=[4.6, 0.4, 4.0])
     else:
-        left = rrb.Vertical(view, legend, modes, row_shares=[5.0, 0.4, min(0.6 + 0.28 * robots, 4.0)])
+        left = rrb.Vertical(view, legend, modes, row_shares=[5.0, 0.4, min(0.6 + 0.28 * (robots + 1), 4.0)])
         right = rrb.Vertical(delivered, each, density, reward, words, row_shares=[1.2, 1.2, 1.0, 1.0, 1.3])
         layout = rrb.Horizontal(left, right, column_shares=[2.4, 1.0])
     return rrb.Blueprint(

@@ -16,12 +16,14 @@ LOOSE = "arena/pellets/loose"
 HELD = "arena/pellets/held"
 TRACKS = "arena/tracks"
 CONTACTS = "arena/contacts"
+CLOGS = "arena/clogs"
 DELIVERED = "plots/delivered"
 DELIVERED_BY_ROBOT = "plots/delivered_by_robot"
 DENSITY = "plots/tunnel_density"
 REWARD = "plots/reward"
 COLLISION_LOG = "log/collisions"
 DELIVERY_LOG = "log/deliveries"
+CLOG_LOG = "log/clogs"
 LEGEND = "legend"
 SWATCHES = "legend/swatches"
 NAMES = "legend/names"
@@ -29,10 +31,20 @@ ABOUT = "about"
 
 
 def robot(index: int) -> str:
-    """Return the path of a robot's body; below it lie `body`, `outline`, `heading` and `name`."""
+    """Return the path of a robot's body; below it lie `body`, `outline`, `heading`, `name` and `clog`."""
     return f"arena/robots/{index}"
 
 
 def mode(index: int) -> str:
     """Return the path of a robot's mode."""
     return f"modes/robot_{index}"
+
+
+def ring(index: int) -> str:
+    """Return the path of the ring round a robot that is in a clog."""
+    return f"{robot(index)}/clog"
+
+
+def clogs(lane: int) -> str:
+    """Return the path of a lane of clogs; those at the same time lie in lanes of their own, from 0."""
+    return "modes/clogs" if lane == 0 else f"modes/clogs_{lane + 1}"

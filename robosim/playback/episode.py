@@ -6,10 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+from robosim.analysis.clogs import Clog, clogs_among
+from robosim.analysis.monitor import EpisodeMonitor
+from robosim.arena.model import Arena
 from robosim.control.controller import Controller
+from robosim.envs.frame import Frame
 from robosim.envs.replay import begun
 from robosim.envs.trajectory import Trajectory
 from robosim.envs.vector import VectorEnv
+from robosim.playback.clogs import decisions_to_tell
 from robosim.playback.recorder import Recorder, recording
 from robosim.playback.writer import REWARD_STEPS
 
@@ -69,8 +74,9 @@ def record_trajectory(
 
     `spans` are the decisions to record, each from a first one up to, not including, a last; without them
     all are. Decision 0 is the start, and `len(trajectory.chosen)` the last. Spans may overlap and reach
-    beyond the end; `widened` says which decisions are taken in beside them. Nothing runs after the last span.
-    Between them the picture stands still, and the lanes of modes are empty.
+    beyond the end; `widened` says which decisions are taken in beside them.
+    Between them the picture stands still, and the lanes are empty. Clogs are those of the whole run as far as
+    it runs: a little beyond the last span, since it takes a while to tell a clog from a short standstill.
 
     An interrupt (Ctrl-C) ends the run early: what has been recorded is kept. Raises InputError before
     anything runs if `path` cannot be written or the trajectory cannot be run; `source` is what the error
@@ -109,6 +115,56 @@ def widened(spans: Sequence[tuple[int, int]] | None, decisions: int) -> list[tup
     return merged
 
 
+def decisions_run(spans: Sequence[tuple[int, int]], decisions: int, arena: Arena) -> int:
+    """Return how many of `decisions` are run to record `spans` of a trajectory in `arena`."""
+    wanted = widened(spans, decisions)
+    return _last_run(wanted, decisions, arena) if wanted else 0
+
+
+def _last_run(spans: Sequence[tuple[int, int]], decisions: int, arena: Arena) -> int:
+    return min(spans[-1][1] - 1 + decisions_to_tell(arena), decisions)
+
+
+def watch_episode(controller: Controller, env: VectorEnv, *, on_step: OnStep | None = None) -> list[Clog]:
+    """Run a new episode of the first environment of `env`, without a recording; return its clogs."""
+    observation = env.reset()
+    controller.reset(env)
+
+    def decide() -> None:
+        nonlocal observation
+        observation = env.step(controller.act(env, observation)).observation
+
+    return _watch(env, decide, on_step)
+
+
+def watch_trajectory(
+    trajectory: Trajectory, *, on_step: OnStep | None = None, source: str = "trajectory"
+) -> list[Clog]:
+    """Run `trajectory` again, without a recording; return its clogs.
+
+    Raises InputError if it cannot be run; `source` is what the error calls it.
+    """
+    env = begun(trajectory, source)
+    return _watch(env, lambda: env.step(trajectory.chosen[env.steps_taken][None]), on_step)
+
+
+def _watch(env: VectorEnv, decide: Callable[[], object], on_step: OnStep | None) -> list[Clog]:
+    monitor = EpisodeMonitor(env.arena, env.robots)
+    monitor.add(env.frame())
+    while env.steps_taken < env.episode_steps:
+        decide()
+        monitor.add(env.frame())
+        if on_step is not None:
+            on_step(env.steps_taken, int(env.delivered[0].sum()))
+    return clogs_among(monitor.finish().standstills)
+
+
+def spans_around(clogs: Sequence[Clog], seconds: float, arena: Arena) -> list[tuple[int, int]]:
+    """Return the decisions of each clog with `seconds` before and after it, for `record_trajectory`."""
+    more = round(seconds / arena.timing.decision_period)
+    return [(max(0, clog.start - more), clog.end + more + 1) for clog in clogs]
+
+
 def _record(
     env: VectorEnv,
     decide: Callable[[], None],
@@ -116,22 +172,21 @@ def _record(
     spans: Sequence[tuple[int, int]],
     on_step: OnStep | None,
 ) -> Recorded:
-    def run_to(step: int, *, recorded: bool) -> None:
+    def run_to(step: int, take: Callable[[Frame], None]) -> None:
         while env.steps_taken < step:
             decide()
-            if recorded:
-                recorder.add(env.frame())
+            take(env.frame())
             if on_step is not None:
                 on_step(env.steps_taken, int(env.delivered[0].sum()))
 
     try:
-        for start, end in spans:
-            run_to(start - 1, recorded=False)
-            if start == 0:
-                recorder.add(env.frame())
-            run_to(end - 1, recorded=True)
-            if end <= env.episode_steps:
-                recorder.pause()
+        for number, (start, end) in enumerate(spans):
+            if number == 0:
+                (recorder.add if start == 0 else recorder.skip)(env.frame())
+            run_to(start - 1, recorder.skip)
+            run_to(end - 1, recorder.add)
+        if spans:
+            run_to(_last_run(spans, env.episode_steps, env.arena), recorder.skip)
     except KeyboardInterrupt:
         pass
     return Recorded(env.steps_taken, int(env.delivered[0].sum()))

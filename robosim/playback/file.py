@@ -49,6 +49,11 @@ def recording_file(path: Path, blueprint: rrb.Blueprint, name: str) -> Iterator[
         part.unlink(missing_ok=True)
 
 
+def require_recording(path: str | Path) -> None:
+    """Raise InputError now, before long work, if a recording cannot be written there later."""
+    _reserve(Path(path)).unlink()
+
+
 def _reserve(path: Path) -> Path:
     if path.suffix != ".rrd":
         raise InputError(f"Recording {str(path)!r}: the file name must end in .rrd, the viewer's format.")

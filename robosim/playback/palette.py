@@ -1,9 +1,10 @@
-"""What stands for what in a recording: the colours and names of modes, zones, pellets and contacts."""
+"""What stands for what in a recording: colours and names of modes, zones, pellets, contacts and clogs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from robosim.analysis.clogs import Cause
 from robosim.arena.model import Zone
 from robosim.discretise.modes import Mode
 from robosim.world.contacts import ContactKind
@@ -38,6 +39,20 @@ CONTACTS: dict[ContactKind, Style] = {
     ContactKind.ROBOT_WALL: Style("Hits wall", (0, 170, 190)),
     ContactKind.ROBOT_PELLET: Style("Hits pellet", (255, 200, 120)),
 }
+
+CLOG = Style("In a clog", (230, 0, 230))
+"""The ring round a robot in a clog."""
+LINK: Colour = (36, 0, 48)
+"""The line between two that are linked in a clog: dark, since bodies of all colours lie under it."""
+
+# Told apart also by those who see two of red, green and blue as one; the modes beside them have names.
+CAUSES: dict[Cause, Style] = {
+    Cause.HEAD_ON: Style("head-on", (245, 120, 30)),
+    Cause.PELLET: Style("pellet in the way", (110, 74, 44)),
+    Cause.TURNING: Style("turning", (0, 130, 140)),
+    Cause.QUEUE: Style("queue", (205, 208, 216)),
+}
+"""A clog's interval."""
 
 ZONES: dict[Zone, Style] = {
     Zone.WALL: Style("Wall", (74, 80, 92)),
@@ -76,4 +91,4 @@ def robot_colours(robots: int) -> list[Colour]:
 
 def legend() -> list[Style]:
     """Return what the legend names, in its order."""
-    return [*MODES.values(), LOOSE_PELLET, HELD_PELLET, *CONTACTS.values()]
+    return [*MODES.values(), LOOSE_PELLET, HELD_PELLET, *CONTACTS.values(), CLOG]

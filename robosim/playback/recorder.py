@@ -13,6 +13,8 @@ from robosim.envs.columns import FrameColumns
 from robosim.envs.frame import Frame
 from robosim.playback import entities
 from robosim.playback.blueprint import make_blueprint
+from robosim.playback.clogs import ClogWatch, Watched
+from robosim.playback.clogwriter import ClogWriter
 from robosim.playback.file import recording_file, require_space
 from robosim.playback.scene import send_scene
 from robosim.playback.writer import FrameWriter
@@ -21,22 +23,39 @@ from robosim.playback.writer import FrameWriter
 class Recorder:
     """Takes the frames of one episode; `recording` makes one."""
 
-    def __init__(self, writer: FrameWriter, frames: FrameColumns, folder: Path) -> None:
-        self._writer = writer
+    def __init__(self, stream: rr.RecordingStream, arena: Arena, robots: int, folder: Path) -> None:
         self._folder = folder
-        self._frames = frames
+        self._writer = FrameWriter(stream, arena, robots)
+        self._frames = FrameColumns(robots, arena.pellets.count, (arena.rows, arena.columns))
+        self._clog_writer = ClogWriter(stream, arena, robots)
+        self._clogs = ClogWatch(arena, robots, self._write_clogs)
         self._last_step = -1
         self._pauses: list[int] = []
+        self._paused = True
 
     def add(self, frame: Frame) -> None:
         """Record a frame. Raises ValueError unless its step comes after the last one's."""
+        self._follow(frame)
+        self._paused = False
+        self._clogs.add(frame, recorded=True)
+        if self._frames.add(frame):
+            self.flush()
+
+    def skip(self, frame: Frame) -> None:
+        """Pause, and take in a frame that is not recorded: it tells which clogs reach over the pause.
+
+        Where the frames of a pause are left out, a clog ends with it, and its time counts anew after it.
+        """
+        self._follow(frame)
+        self.pause()
+        self._clogs.add(frame, recorded=False)
+
+    def _follow(self, frame: Frame) -> None:
         if frame.step <= self._last_step:
             raise ValueError(
                 f"step {frame.step} does not follow step {self._last_step}: a recording holds one episode"
             )
         self._last_step = frame.step
-        if self._frames.add(frame):
-            self.flush()
 
     def flush(self) -> None:
         """Hand what has been added to the file's writer; raises OSError if the disk has no room for it."""
@@ -46,13 +65,24 @@ class Recorder:
         self._frames.clear()
         self._pauses.clear()
 
+    def _write_clogs(self, watched: Watched) -> None:
+        require_space(self._folder, watched.drawn.link.nbytes)
+        self._clog_writer.write(watched)
+
+    def finish(self) -> None:
+        """Write what is left; `recording` does it at the end."""
+        self.flush()
+        self._clogs.finish()
+        self._clog_writer.finish()
+
     def pause(self) -> None:
         """Say that the next frame, if there is one, does not follow at once.
 
-        Until then the picture stands still, the lanes of modes are empty, and no event is told.
+        Until then the picture stands still, the lanes are empty, and no event is told.
         """
-        if self._last_step >= 0:
+        if not self._paused:
             self._pauses.append(self._frames.rows)
+            self._paused = True
 
 
 @contextlib.contextmanager
@@ -78,10 +108,9 @@ def recording(
     with recording_file(Path(path), make_blueprint(arena, robots), name) as stream:
         send_scene(stream, arena, robots)
         _send_about(stream, arena, facts)
-        frames = FrameColumns(robots, arena.pellets.count, (arena.rows, arena.columns))
-        recorder = Recorder(FrameWriter(stream, arena, robots), frames, Path(path).parent)
+        recorder = Recorder(stream, arena, robots, Path(path).parent)
         yield recorder
-        recorder.flush()
+        recorder.finish()
 
 
 def _send_about(stream: rr.RecordingStream, arena: Arena, facts: Mapping[str, str]) -> None:
@@ -98,6 +127,12 @@ _HOW_TO_READ = """## How to read it
 - Violet cells: pheromone, the darker the more often visited of late.
 - Small dots: where each robot was in the last 20 s, one a decision, in its colour in the plots.
 - Discs where bodies touch: the larger, the greater the impulse.
+- A magenta ring: the robot is in a clog. So are robots that want to move and cannot, touch each other or the
+  same loose pellet, and let nobody through the tunnel for more than twice the time that a free way through it
+  takes. Dark lines join those that touch.
+- The lane `clogs` below the arena: an interval for each clog, with its cause and its robots. Orange: two met
+  head-on; brown: a pellet in the way; teal: one turning across the tunnel; light grey: a queue. The lanes
+  `clogs_2` and so on hold clogs at the same time.
 - Drag in a plot, in the lanes, or in the time line below to move through the run; click an event to jump
   to it.
 """

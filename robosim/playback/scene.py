@@ -12,7 +12,7 @@ from robosim.playback.shapes import Strip, body_strips, gripper, outline, wall_e
 
 # Lower is drawn first; rerun's own defaults put images under lines under points.
 _MAP, _PHEROMONE, _EDGE, _TRACK, _PELLET = -30.0, -20.0, 0.0, 5.0, 10.0
-_ROBOT, _MARK, _CONTACT = 20.0, 30.0, 40.0
+_RING, _ROBOT, _MARK, _LINK, _CONTACT = 15.0, 20.0, 30.0, 35.0, 40.0
 
 PHEROMONE_LEVELS = 64
 """Shades of the pheromone map; level 0 is not drawn."""
@@ -78,6 +78,11 @@ def _send_arena(stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
         ),
         static=True,
     )
+    stream.log(
+        entities.CLOGS,
+        rr.LineStrips2D.from_fields(colors=palette.LINK, radii=0.05 * arena.robot.width, draw_order=_LINK),
+        static=True,
+    )
     kinds = [rr.AnnotationInfo(kind, style.label, style.colour) for kind, style in palette.CONTACTS.items()]
     stream.log(entities.CONTACTS, rr.AnnotationContext(kinds), static=True)
     stream.log(
@@ -98,6 +103,12 @@ def _send_robot(stream: rr.RecordingStream, arena: Arena, robot: int) -> None:
         rr.LineStrips2D.from_fields(
             strips=[outline(sheet), *gripper(sheet, arena.pellets.radius)], radii=line, draw_order=_MARK
         ),
+        static=True,
+    )
+    # The inner half of the line lies under the body.
+    stream.log(
+        entities.ring(robot),
+        rr.LineStrips2D.from_fields(colors=palette.CLOG.colour, radii=0.16 * sheet.width, draw_order=_RING),
         static=True,
     )
     nose = 0.5 * sheet.length
@@ -153,14 +164,20 @@ def _send_series(stream: rr.RecordingStream, robots: int) -> None:
         (entities.DENSITY, "tunnel density n/L", True),
         (entities.REWARD, "mean reward", False),
     ):
+        # The viewer would take means of near points, and what holds for long after them would be drawn wrong.
         lines = rr.SeriesLines(
-            names=name, colors=palette.TEAM, widths=2.0, interpolation_mode="StepAfter" if steps else "Linear"
+            names=name,
+            colors=palette.TEAM,
+            widths=2.0,
+            interpolation_mode="StepAfter" if steps else "Linear",
+            aggregation_policy="Off" if steps else "Average",
         )
         stream.log(path, lines, static=True)
     each = rr.SeriesLines(
         names=[f"robot {robot}" for robot in range(robots)],
         colors=palette.robot_colours(robots),
         interpolation_mode="StepAfter",
+        aggregation_policy="Off",
     )
     stream.log(entities.DELIVERED_BY_ROBOT, each, static=True)
 

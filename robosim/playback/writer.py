@@ -15,6 +15,7 @@ from robosim.envs.columns import FrameColumns
 from robosim.playback import entities, palette
 from robosim.playback.changes import changed_rows
 from robosim.playback.scene import level_of_occupancy
+from robosim.playback.sending import send_rows
 from robosim.world.contacts import ContactKind, onsets
 from robosim.world.state import PelletStatus
 
@@ -95,22 +96,8 @@ class FrameWriter:
         columns: Iterable[rr.ComponentColumn],
         time: NDArray[np.float64] | None = None,
     ) -> None:
-        self._send_at(path, frames.step[rows], frames.time[rows] if time is None else time, columns)
-
-    def _send_at(
-        self,
-        path: str,
-        step: NDArray[np.int64],
-        time: NDArray[np.float64],
-        columns: Iterable[rr.ComponentColumn],
-    ) -> None:
-        # Rounded here, since rerun cuts what is below a nanosecond off.
-        nanoseconds = np.rint(time * 1e9).astype("timedelta64[ns]")
-        times = [
-            rr.TimeColumn(entities.STEP, sequence=step),
-            rr.TimeColumn(entities.TIME, duration=nanoseconds),
-        ]
-        rr.send_columns(path, times, columns, recording=self._stream)
+        times = frames.time[rows] if time is None else time
+        send_rows(self._stream, path, frames.step[rows], times, columns)
 
     def _new_rows(
         self, key: str, values: NDArray[Any], *, also: NDArray[np.intp] | Sequence[int] = ()
@@ -153,7 +140,7 @@ class FrameWriter:
         order = np.argsort(step, kind="stable")
         count = np.repeat([0, 1], [len(ends), len(rows)])[order]
         states = rr.StateChange.columns(state=_MODE_LABELS[mode[rows]]).partition(count)
-        self._send_at(path, step[order], time[order], states)
+        send_rows(self._stream, path, step[order], time[order], states)
 
     def _write_tracks(self, frames: FrameColumns) -> None:
         # All robots in one entity: a row for each robot alone would cost more than its place.

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
+from rerun.components import AggregationPolicy, InterpolationMode
 
 from robosim.arena import load_arena
 from robosim.discretise.modes import Mode
@@ -140,6 +141,9 @@ def test_entities_are_the_documented_ones(recorded):
         "/about",
         "/legend/swatches",
         "/legend/names",
+        # Of clogs there are none here.
+        "/arena/clogs",
+        *(f"{path}/clog" for path in robots),
     }
     assert still <= set(recorded.static)
     assert recorded.static["/__properties/robosim"]["seed"] == ["5"]
@@ -267,6 +271,13 @@ def test_plots_hold_what_the_frames_hold(recorded, frames):
         recorded.rows["/plots/reward"]["step"], recorded.rows["/plots/reward"]["Scalars:scalars"], strict=True
     ):
         assert mean[0] == pytest.approx(reward[step + 1 - REWARD_STEPS : step + 1].mean())
+
+
+@pytest.mark.parametrize("name", ["delivered", "delivered_by_robot", "tunnel_density"])
+def test_steps_of_a_plot_are_drawn_as_they_are(recorded, name):
+    lines = recorded.static[f"/plots/{name}"]
+    assert lines["SeriesLines:aggregation_policy"] == [AggregationPolicy.Off.value]
+    assert lines["SeriesLines:interpolation_mode"] == [InterpolationMode.StepAfter.value]
 
 
 def test_every_delivery_has_its_line(recorded, frames):
