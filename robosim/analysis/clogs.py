@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.analysis.groups import GroupFinder, Groups
-from robosim.analysis.traffic import Visit
 from robosim.analysis.tunnels import Tunnels
+from robosim.analysis.visits import Visit
 from robosim.arena.model import Arena
 from robosim.envs.columns import FrameColumns
 
@@ -160,7 +160,6 @@ class ClogFinder:
         self._tunnels = tunnels
         self._finder = GroupFinder(arena, robots, tunnels)
         self._stays: list[_Stay] = []
-        self._visits_seen = 0
         self._shut = np.zeros(tunnels.count, dtype=np.int64)
         """[tunnels] the last decision in which a passage ended a stay in its pause."""
         self._laden = np.ones(robots, dtype=np.bool_)
@@ -175,10 +174,8 @@ class ClogFinder:
         """What has ended so far, standstills from `SHORTEST` transit times on; see `clogs_among`."""
 
     def add(self, frames: FrameColumns, distance: Floats, visits: Sequence[Visit]) -> None:
-        """Take in the next rows, with distances to home [rows, robots] and all visits that have ended."""
-        passages = [visit for visit in visits[self._visits_seen :] if visit.passage]
-        passages.sort(key=lambda visit: visit.end)
-        self._visits_seen = len(visits)
+        """Take in the next rows, distances to home [rows, robots] in m, and the visits that ended in them."""
+        passages = sorted((visit for visit in visits if visit.passage), key=lambda visit: visit.end)
         self.groups = self._finder.find(frames)
         chunk = _Chunk(frames, distance, self.groups, self._pickups(frames))
         label, step = self.groups.label, frames.step[: frames.rows]

@@ -75,8 +75,7 @@ class EpisodeMonitor:
         self._last_step = int(frames.step[frames.rows - 1])
         distance = self.tunnels.distance_to_home(frames.pose[: frames.rows, :, :2])
         self._trips.add(frames)
-        self._traffic.add(frames, distance)
-        self.clogs.add(frames, distance, self._traffic.visits)
+        self.clogs.add(frames, distance, self._traffic.add(frames, distance))
 
     def finish(self) -> Episode:
         """Return what was measured; the monitor takes no more frames."""

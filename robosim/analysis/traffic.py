@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robosim.analysis.tunnels import Tunnels
+from robosim.analysis.visits import Visit, VisitLog
 from robosim.arena.model import Arena
 from robosim.envs.columns import FrameColumns
 from robosim.robot.drivers import STOP
@@ -28,39 +28,6 @@ PER_CELL = 4
 """Squares of the occupancy map to a side of a cell."""
 TRACK_TIME = 1.5
 """Time between two points of a robot's line in the space-time diagram, s."""
-
-
-class End(IntEnum):
-    """The ends of a tunnel."""
-
-    NOWHERE = -1
-    """The visit began in the tunnel, or was not over when the run was."""
-    HOME = 0
-    SOURCE = 1
-
-
-class Visit(NamedTuple):
-    """A robot's stay in a tunnel, from the decision that led in to the one that led out."""
-
-    robot: int
-    tunnel: int
-    start: int
-    """First decision after which the robot is inside."""
-    end: int
-    """First decision after which it no longer is."""
-    entered: End
-    left: End
-    deepest: float
-    """How far from the end where it entered it has been, m."""
-
-    @property
-    def passage(self) -> bool:
-        """Whether the robot came in at one end and left at the other."""
-        return self.entered >= 0 and self.left >= 0 and self.entered != self.left
-
-    def is_reversal(self, length: float) -> bool:
-        """Whether a robot of `length` m was wholly inside and left where it had come in (Aguilar 2018)."""
-        return self.entered >= 0 and self.entered == self.left and self.deepest >= length
 
 
 class Windows(NamedTuple):
@@ -105,15 +72,6 @@ class Traffic:
     """[n, robots]."""
 
 
-@dataclass(slots=True)
-class _OpenVisit:
-    start: int
-    entered: End
-    origin: float
-    """Distance to home of the end where it began, or of the place, for the visit of a robot put there, m."""
-    deepest: float = 0.0
-
-
 class TrafficMeter:
     """Takes chunks of frames; between them it keeps counts, one row of state, and what it has found."""
 
@@ -128,9 +86,8 @@ class TrafficMeter:
         self._active_window = max(1, round(ACTIVE_WINDOW / period))
         self._track_every = max(1, round(TRACK_TIME / period))
         self._fine = arena.cell_size / PER_CELL
-        self.visits: list[Visit] = []
-        self._open: dict[int, _OpenVisit] = {}
-        self._inside = np.full(robots, -1)
+        self._log = VisitLog(tunnels)
+        self._visits: list[Visit] = []
         self._distance = np.zeros(robots)
         self._laden = np.zeros(robots, dtype=np.bool_)
         self._begun = False
@@ -149,10 +106,11 @@ class TrafficMeter:
         self._active: list[float] = []
         self._tracks: list[tuple[Integers, NDArray[np.float32], NDArray[np.int8], Bools]] = []
 
-    def add(self, frames: FrameColumns, distance: Floats) -> None:
-        """Take in the next rows; `distance` [rows, robots] is the robots' distance to home, m.
+    def add(self, frames: FrameColumns, distance: Floats) -> list[Visit]:
+        """Take in the next rows, and return the visits that ended in them.
 
-        The first row of all is the state in which the run begins, and counts nowhere.
+        `distance` [rows, robots] is the robots' distance to home, m. The first row of all is the state in
+        which the run begins, and counts nowhere.
         """
         place, laden = frames.pose[: frames.rows, :, :2], frames.laden[: frames.rows]
         rows, columns = self._tunnels.cells(place)
@@ -160,16 +118,13 @@ class TrafficMeter:
         first = 0 if self._begun else 1
         if first:
             self._begun = True
-            self._inside, self._distance, self._laden = inside[0], distance[0], laden[0]
-            for robot in np.flatnonzero(inside[0] >= 0).tolist():
-                origin = float(distance[0, robot])
-                self._open[robot] = _OpenVisit(int(frames.step[0]), End.NOWHERE, origin)
-        before = np.concatenate([self._inside[None], inside[:-1]])[first:]
+            self._distance, self._laden = distance[0], laden[0]
+        ended = self._log.add(frames.step[: frames.rows], inside, distance)
+        self._visits += ended
         was = np.concatenate([self._distance[None], distance[:-1]])[first:]
         carried = np.concatenate([self._laden[None], laden[:-1]])[first:]
         now = inside[first:]
         if len(now):
-            self._add_visits(frames.step[first : frames.rows], before, now, distance[first:])
             self._add_windows(now, distance[first:] - was, carried)
             moving = np.abs(distance[first:] - was) >= self._least_way
             self._add_counts(now, moving, laden[first:], (rows[first:], columns[first:]), place[first:])
@@ -177,16 +132,12 @@ class TrafficMeter:
             self._stops += (frames.action[first : frames.rows] == STOP).sum(axis=0)
             self._decisions += len(now)
         self._add_tracks(frames.step[: frames.rows], distance, rows, columns, laden)
-        self._inside, self._distance, self._laden = inside[-1].copy(), distance[-1].copy(), laden[-1].copy()
+        self._distance, self._laden = distance[-1].copy(), laden[-1].copy()
+        return ended
 
     def finish(self, step: int) -> Traffic:
         """Return everything; `step` is the last decision. Visits that are not over end nowhere."""
-        visits = list(self.visits)
-        for robot, visit in sorted(self._open.items()):
-            tunnel = int(self._inside[robot])
-            visits.append(
-                Visit(robot, tunnel, visit.start, step + 1, visit.entered, End.NOWHERE, visit.deepest)
-            )
+        visits = [*self._visits, *self._log.unfinished(step + 1)]
         visits.sort(key=lambda visit: (visit.end, visit.robot))
         windows = np.concatenate(self._windows) if self._windows else np.zeros((0, 3))
         rows, columns = self._shape
@@ -215,38 +166,6 @@ class TrafficMeter:
             track_tunnel=near,
             track_laden=laden,
         )
-
-    def _add_visits(self, step: Integers, before: Integers, now: Integers, distance: Floats) -> None:
-        """Open and close visits where robots came into a tunnel or left one, and see how deep they went."""
-        changed = before != now
-        for robot in np.flatnonzero(changed.any(axis=0) | (now[-1] >= 0)).tolist():
-            at = np.flatnonzero(changed[:, robot]).tolist()
-            begin = 0
-            tunnel = int(before[0, robot])
-            for row in [*at, len(now)]:
-                visit = self._open.get(robot)
-                if visit is not None and row > begin:
-                    away = float(np.abs(distance[begin:row, robot] - visit.origin).max())
-                    visit.deepest = max(visit.deepest, away)
-                if row == len(now):
-                    break
-                here = float(distance[row, robot])
-                if visit is not None:
-                    left = self._nearer_end(tunnel, here)
-                    del self._open[robot]
-                    self.visits.append(
-                        Visit(robot, tunnel, visit.start, int(step[row]), visit.entered, left, visit.deepest)
-                    )
-                tunnel = int(now[row, robot])
-                if tunnel >= 0:
-                    end = self._nearer_end(tunnel, here)
-                    origin = float(self._tunnels.home_end[tunnel] + end * self._tunnels.length[tunnel])
-                    self._open[robot] = _OpenVisit(int(step[row]), end, origin)
-                begin = row
-
-    def _nearer_end(self, tunnel: int, distance: float) -> End:
-        middle = self._tunnels.home_end[tunnel] + 0.5 * self._tunnels.length[tunnel]
-        return End.HOME if distance < middle else End.SOURCE
 
     def _add_windows(self, now: Integers, way: Floats, laden: Bools) -> None:
         """Add up time and way toward the goal in each tunnel, and close the windows that are full."""

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, overload
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robosim.analysis.clogs import TRANSITS, Clog, ClogFinder, clogs_among
 from robosim.analysis.groups import HOLD
-from robosim.analysis.traffic import TrafficMeter, Visit
 from robosim.analysis.tunnels import Tunnels, find_tunnels
+from robosim.analysis.visits import VisitLog
 from robosim.arena.model import Arena
 from robosim.envs.columns import FrameColumns
 from robosim.envs.frame import Frame
@@ -160,7 +160,7 @@ class _Stretch:
         self._robots = robots
         self._tunnels = tunnels
         self._hold = hold_decisions(arena)
-        self._visits = _VisitLog(arena, robots, tunnels)
+        self._visits = VisitLog(tunnels)
         self._finder = ClogFinder(arena, robots, tunnels)
         self._threads = Threads(robots, self._hold)
         self._window = _Window(
@@ -177,10 +177,10 @@ class _Stretch:
         """Take in the next rows."""
         place = frames.pose[: frames.rows, :, :2]
         distance = self._tunnels.distance_to_home(place)
-        self._visits.add(frames, distance)
-        self._finder.add(frames, distance, self._visits.ended)
-        self._visits.forget()
         step = frames.step[: frames.rows]
+        rows, columns = self._tunnels.cells(place)
+        ended = self._visits.add(step, self._tunnels.inside[rows, columns], distance)
+        self._finder.add(frames, distance, ended)
         groups, window = self._finder.groups, self._window
         self._window = _Window(
             np.concatenate([window.step, step]),
@@ -241,50 +241,3 @@ class _Stretch:
             window.thread[rows:].copy(),
             window.recorded[rows:].copy(),
         )
-
-
-class _Ended(Sequence[Visit]):
-    """All visits that have ended, of which only the latest are still there."""
-
-    def __init__(self, gone: int, latest: Sequence[Visit]) -> None:
-        self._gone = gone
-        self._latest = latest
-
-    def __len__(self) -> int:
-        return self._gone + len(self._latest)
-
-    @overload
-    def __getitem__(self, index: int) -> Visit: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Visit]: ...
-    def __getitem__(self, index: int | slice) -> Visit | Sequence[Visit]:
-        found = range(len(self))[index]
-        if isinstance(found, int):
-            return self._latest[found - self._gone]
-        return [self._latest[one - self._gone] for one in found]
-
-
-class _VisitLog(TrafficMeter):
-    """Finds visits, and keeps nothing of a run that is over: what else a meter counts is left out."""
-
-    def __init__(self, arena: Arena, robots: int, tunnels: Tunnels) -> None:
-        super().__init__(arena, robots, tunnels)
-        self._gone = 0
-
-    @property
-    def ended(self) -> Sequence[Visit]:
-        """All visits so far."""
-        return _Ended(self._gone, self.visits)
-
-    def forget(self) -> None:
-        """Forget the visits so far; they still count."""
-        self._gone += len(self.visits)
-        self.visits.clear()
-
-    def _add_windows(self, *_args: Any, **_names: Any) -> None: ...
-
-    def _add_counts(self, *_args: Any, **_names: Any) -> None: ...
-
-    def _add_activity(self, *_args: Any, **_names: Any) -> None: ...
-
-    def _add_tracks(self, *_args: Any, **_names: Any) -> None: ...

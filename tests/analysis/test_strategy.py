@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robosim.analysis.strategy import PASSAGES, Strategy, classify
-from robosim.analysis.traffic import End, Visit
+from robosim.analysis.visits import End, Visit
 from tests.analysis.handmade import Script, middle, without_tunnel
 
 ONE, BUCKET, NEITHER = Strategy.ONE_AT_A_TIME, Strategy.BUCKET_BRIGADE, Strategy.NEITHER

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from robosim.analysis.traffic import ACTIVE_WINDOW, PER_CELL, TRACK_TIME, WINDOW, End, lapses, segregation
+from robosim.analysis.traffic import ACTIVE_WINDOW, PER_CELL, TRACK_TIME, WINDOW, lapses, segregation
+from robosim.analysis.visits import End
 from robosim.arena import parse_arena
 from tests.analysis.handmade import LENGTH, PERIOD, REAL, ROOM, TOP, Script, middle, real, runs, small
 from tests.analysis.plain import (

@@ -51,8 +51,7 @@ class Run:
         self.place = columns.pose[:, :, :2].copy()
         distance = tunnels.distance_to_home(self.place)
         traffic, finder = (kind(arena, self.robots, tunnels) for kind in (TrafficMeter, ClogFinder))
-        traffic.add(columns, distance)
-        finder.add(columns, distance, traffic.visits)
+        finder.add(columns, distance, traffic.add(columns, distance))
         self.groups = finder.groups
         self.clogs = clogs_among(finder.finish())
 
