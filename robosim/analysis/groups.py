@@ -52,7 +52,7 @@ class GroupFinder:
 
     def __init__(self, arena: Arena, robots: int, tunnels: Tunnels) -> None:
         self._tunnels = tunnels
-        self.hold = max(1, round(HOLD / arena.timing.decision_period))
+        self.hold = hold_decisions(arena)
         """`HOLD` in decisions."""
         self._still = 0.5 * arena.robot.length
         nobody = np.zeros((self.hold, robots), dtype=np.bool_)
@@ -94,6 +94,11 @@ class GroupFinder:
         valid &= (same & at_tunnel[:, None, :]).any(axis=2)
         label = np.where(valid, same.argmax(axis=2), -1)
         return Groups(label, link & valid[:, :, None], pellet & valid)
+
+
+def hold_decisions(arena: Arena) -> int:
+    """Return how many decisions it takes to see that robots stand, or that they no longer do: `HOLD`."""
+    return max(1, round(HOLD / arena.timing.decision_period))
 
 
 def _touches(frames: FrameColumns) -> tuple[Bools, Bools, Bools]:

@@ -66,7 +66,7 @@ class Traffic:
     """[n] decisions of the space-time diagram."""
     track: NDArray[np.float32]
     """[n, robots] distance to home then, m."""
-    track_tunnel: NDArray[np.int8]
+    track_tunnel: NDArray[np.int16]
     """[n, robots] tunnel, with its mouths, or -1."""
     track_laden: Bools
     """[n, robots]."""
@@ -104,7 +104,7 @@ class TrafficMeter:
         self._windows: list[Floats] = []
         self._was_active = np.zeros(robots, dtype=np.bool_)
         self._active: list[float] = []
-        self._tracks: list[tuple[Integers, NDArray[np.float32], NDArray[np.int8], Bools]] = []
+        self._tracks: list[tuple[Integers, NDArray[np.float32], NDArray[np.int16], Bools]] = []
 
     def add(self, frames: FrameColumns, distance: Floats) -> list[Visit]:
         """Take in the next rows, and return the visits that ended in them.
@@ -147,7 +147,7 @@ class TrafficMeter:
             else (
                 np.zeros(0, dtype=np.int64),
                 np.zeros((0, self._robots), dtype=np.float32),
-                np.zeros((0, self._robots), dtype=np.int8),
+                np.zeros((0, self._robots), dtype=np.int16),
                 np.zeros((0, self._robots), dtype=np.bool_),
             )
         )
@@ -223,7 +223,7 @@ class TrafficMeter:
         self, step: Integers, distance: Floats, rows: Integers, columns: Integers, laden: Bools
     ) -> None:
         taken = step % self._track_every == 0
-        near = self._tunnels.near[rows[taken], columns[taken]].astype(np.int8)
+        near = self._tunnels.near[rows[taken], columns[taken]].astype(np.int16)
         self._tracks.append(
             (step[taken].copy(), distance[taken].astype(np.float32), near, laden[taken].copy())
         )

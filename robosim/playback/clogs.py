@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.analysis.clogs import TRANSITS, Clog, ClogFinder, clogs_among
-from robosim.analysis.groups import HOLD
+from robosim.analysis.groups import hold_decisions
 from robosim.analysis.tunnels import Tunnels, find_tunnels
 from robosim.analysis.visits import VisitLog
 from robosim.arena.model import Arena
@@ -62,11 +62,6 @@ class Watched(NamedTuple):
     clogs: list[ToldClog]
     until: int
     """The next decision."""
-
-
-def hold_decisions(arena: Arena) -> int:
-    """Return how many decisions it takes to see that robots stand, or that they no longer do."""
-    return max(1, round(HOLD / arena.timing.decision_period))
 
 
 def decisions_to_tell(arena: Arena) -> int:
