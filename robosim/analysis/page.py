@@ -71,6 +71,8 @@ _FILES = {
     "metrics.json": "all metrics of each episode, clogs, strategies, the evaluation",
     "trips.parquet": "a row for each trip",
     "clogs.parquet": "a row for each clog",
+    "visits.parquet": "a row for each visit of a robot to a tunnel",
+    "flow.parquet": "flow and density of each tunnel, a row for each 30 s",
     "episodes/": "seed and actions of each episode",
 }
 

@@ -15,7 +15,7 @@ from robosim.analysis.folder import LAST_FILE, whole_folder
 from robosim.analysis.metrics import summarise
 from robosim.analysis.monitor import Episode
 from robosim.analysis.page import page
-from robosim.analysis.tables import clog_table, metrics_record, trip_table
+from robosim.analysis.tables import clog_table, flow_table, metrics_record, trip_table, visit_table
 from robosim.control.card import Evaluation
 from robosim.envs.trajectory import LONGEST_POLICY, Trajectory
 from robosim.errors import InputError
@@ -52,6 +52,8 @@ def write_report(folder: Path, watched: Watched) -> Path:
         )
         _write_table(trip_table(episodes), part / "trips.parquet")
         _write_table(clog_table(episodes), part / "clogs.parquet")
+        _write_table(visit_table(episodes), part / "visits.parquet")
+        _write_table(flow_table(episodes), part / "flow.parquet")
         (part / "episodes").mkdir()
         for number, trajectory in enumerate(watched.trajectories):
             named = replace(trajectory, policy=trajectory.policy or _printable(watched.evaluation.controller))

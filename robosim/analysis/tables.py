@@ -1,4 +1,4 @@
-"""What was measured as tables for other programs: trips and clogs as Parquet, all figures as JSON."""
+"""What was measured as tables for other programs: events and flow as Parquet, all figures as JSON."""
 
 from __future__ import annotations
 
@@ -62,6 +62,30 @@ CLOGS = pa.schema(
 )
 """Columns of clogs.parquet: the fields of `robosim.analysis.clogs.Clog`; `start` and `end` in decisions."""
 
+VISITS = pa.schema(
+    [
+        ("episode", pa.int64()),
+        ("robot", pa.int64()),
+        ("tunnel", pa.int64()),
+        ("start", pa.int64()),
+        ("end", pa.int64()),
+        ("entered", pa.string()),
+        ("left", pa.string()),
+        ("deepest_m", pa.float64()),
+    ]
+)
+"""Columns of visits.parquet: the fields of `robosim.analysis.visits.Visit`, ends by name."""
+
+FLOW = pa.schema(
+    [
+        ("episode", pa.int64()),
+        ("tunnel", pa.int64()),
+        ("density_per_m", pa.float64()),
+        ("flow_per_s", pa.float64()),
+    ]
+)
+"""Columns of flow.parquet: the fields of `robosim.analysis.traffic.Windows`, in order of time."""
+
 
 def trip_table(episodes: Sequence[Episode]) -> pa.Table:
     """Return a row for each trip, episode by episode."""
@@ -72,6 +96,26 @@ def trip_table(episodes: Sequence[Episode]) -> pa.Table:
         for place in [(trip.robot, trip.start, trip.end, trip.pellets)]
     ]
     return _table(TRIPS, rows)
+
+
+def visit_table(episodes: Sequence[Episode]) -> pa.Table:
+    """Return a row for each visit to a tunnel, by episode and end."""
+    rows = [
+        (number, *visit[:4], visit.entered.name.lower(), visit.left.name.lower(), visit.deepest)
+        for number, episode in enumerate(episodes)
+        for visit in episode.traffic.visits
+    ]
+    return _table(VISITS, rows)
+
+
+def flow_table(episodes: Sequence[Episode]) -> pa.Table:
+    """Return a row for each tunnel in each stretch of 30 s, by episode and time."""
+    rows = [
+        (number, *row)
+        for number, episode in enumerate(episodes)
+        for row in zip(*(values.tolist() for values in episode.traffic.windows), strict=True)
+    ]
+    return _table(FLOW, rows)
 
 
 def clog_table(episodes: Sequence[Episode]) -> pa.Table:

@@ -99,7 +99,9 @@ def blank_figures(monkeypatch):
 def test_the_folder_holds_what_it_says_and_nothing_else(run):
     pictures = {f"figures/{plot.name}.{kind}" for plot in FIGURES for kind in ("png", "svg")}
     episodes = {f"episodes/{number}.npz" for number in range(len(watched(run).episodes))}
-    tables = {"index.html", "metrics.json", "trips.parquet", "clogs.parquet"}
+    tables = {"index.html", "metrics.json"} | {
+        f"{name}.parquet" for name in ("trips", "clogs", "visits", "flow")
+    }
     assert set(files_under(report(run))) == pictures | episodes | tables
     assert all(files_under(report(run)).values())
 
@@ -188,6 +190,33 @@ def test_trips_parquet_holds_every_trip(run):
             "impulse_Ns": trip.impulse,
             "energy_J": trip.energy,
         }
+
+
+@pytest.mark.parametrize("run", RUNS)
+def test_visits_and_flow_parquet_hold_every_visit_and_window(run):
+    visits = pq.read_table(report(run) / "visits.parquet").to_pylist()
+    flow = pq.read_table(report(run) / "flow.parquet").to_pylist()
+    expected_visits, expected_flow = [], []
+    for number, episode in enumerate(watched(run).episodes):
+        for visit in episode.traffic.visits:
+            ends = {-1: "nowhere", 0: "home", 1: "source"}
+            expected_visits.append(
+                (
+                    number,
+                    visit.robot,
+                    visit.tunnel,
+                    visit.start,
+                    visit.end,
+                    ends[int(visit.entered)],
+                    ends[int(visit.left)],
+                    visit.deepest,
+                )
+            )
+        windows = episode.traffic.windows
+        for row in range(len(windows.tunnel)):
+            expected_flow.append((number, windows.tunnel[row], windows.density[row], windows.flow[row]))
+    assert [tuple(row.values()) for row in visits] == expected_visits
+    assert [tuple(row.values()) for row in flow] == expected_flow
 
 
 @pytest.mark.parametrize("run", RUNS)

@@ -114,4 +114,4 @@ def test_equal_commands_write_equal_bytes_in_any_process(tmp_path):
         for folder in (tmp_path / "1", tmp_path / "2")
     )
     assert first == second
-    assert len(first) == 26
+    assert len(first) == 28
