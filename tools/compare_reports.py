@@ -9,19 +9,16 @@ those in which the longest clog of a team begins, or the first ones.
 from __future__ import annotations
 
 import argparse
-import io
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from PIL import Image
 
 from robosim.analysis.metrics import clogged_share, pellets, summarise
 from robosim.analysis.monitor import Episode, EpisodeMonitor
 from robosim.analysis.plots import draw_flow
 from robosim.analysis.spacetime import Span, draw_panel, longest_clog
-from robosim.analysis.style import look, time_unit
-from robosim.arena import parse_arena
-from robosim.envs.replay import replay
+from robosim.analysis.style import look, palette_png, time_unit
+from robosim.envs.replay import begun
 from robosim.envs.trajectory import load_trajectory
 
 STRIP = 300.0
@@ -35,12 +32,12 @@ def episodes_of(report: Path) -> tuple[str, list[Episode]]:
     driver, measured = "", []
     for path in sorted((report / "episodes").glob("*.npz"), key=lambda path: int(path.stem)):
         trajectory = load_trajectory(path)
-        frames = replay(trajectory)
-        first = next(frames)
-        monitor = EpisodeMonitor(parse_arena(trajectory.arena, str(path)), trajectory.robots)
-        monitor.add(first)
-        for frame in frames:
-            monitor.add(frame)
+        env = begun(trajectory, str(path))
+        monitor = EpisodeMonitor(env.arena, env.robots)
+        monitor.add(env.frame())
+        for actions in trajectory.chosen:
+            env.step(actions[None])
+            monitor.add(env.frame())
         measured.append(monitor.finish())
         driver = trajectory.policy
     return driver, measured
@@ -63,7 +60,7 @@ def main() -> None:
     options = parser.parse_args()
     with look():
         rows = len(options.reports)
-        figure = Figure(figsize=(10.0, 0.6 + 1.75 * rows), layout="constrained")
+        figure = Figure(figsize=(10.0, 0.6 + 1.75 * rows), dpi=120, layout="constrained")
         panels = figure.subplots(rows, 2, width_ratios=(3.4, 1.0), squeeze=False)
         for (left, right), report in zip(panels, options.reports, strict=True):
             driver, episodes = episodes_of(report)
@@ -80,11 +77,7 @@ def main() -> None:
             right.set_xlabel("")
             left.set_xlabel("")
         panels[-1][0].set_xlabel("time, min (blue: unladen, orange: laden, hatched: clog)")
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=120)
-    # A palette is all that flat colours need, and a third of the size.
-    with Image.open(buffer) as image:
-        image.convert("RGB").quantize(64, dither=Image.Dither.NONE).save(options.png, optimize=True)
+        options.png.write_bytes(palette_png(figure, colours=64))
 
 
 if __name__ == "__main__":

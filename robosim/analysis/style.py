@@ -125,17 +125,22 @@ def look() -> Iterator[None]:
 
 def render(figure: Figure) -> Rendered:
     """Return a figure as PNG and SVG, without date or version: equal figures give equal bytes."""
-    full, png, svg = io.BytesIO(), io.BytesIO(), io.StringIO()
-    figure.savefig(full, format="rgba")
-    image = Image.frombytes("RGBA", figure.canvas.get_width_height(), full.getvalue()).convert("RGB")
-    # A palette is all that a drawing needs, and a third of the size.
-    image.quantize(256, dither=Image.Dither.NONE).save(png, format="png")
+    png, svg = palette_png(figure), io.StringIO()
     # The layout is found by now; the second file gets the same.
     figure.set_layout_engine("none")
     figure.savefig(svg, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     text = _TAG.sub(_shorter, _DOCTYPE.sub("", svg.getvalue()))
     text = text.replace("'DejaVu Sans'", _FONTS)
-    return Rendered(png.getvalue(), text.encode(), figure.get_figwidth())
+    return Rendered(png, text.encode(), figure.get_figwidth())
+
+
+def palette_png(figure: Figure, colours: int = 256) -> bytes:
+    """Return a figure as PNG with a palette: all that a drawing needs, and a third of the size."""
+    full, png = io.BytesIO(), io.BytesIO()
+    figure.savefig(full, format="rgba")
+    image = Image.frombytes("RGBA", figure.canvas.get_width_height(), full.getvalue()).convert("RGB")
+    image.quantize(colours, dither=Image.Dither.NONE).save(png, format="png")
+    return png.getvalue()
 
 
 _FONTS = "'DejaVu Sans', Verdana, sans-serif"

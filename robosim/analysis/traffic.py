@@ -78,7 +78,6 @@ class TrafficMeter:
     def __init__(self, arena: Arena, robots: int, tunnels: Tunnels) -> None:
         self._tunnels = tunnels
         self._robots = robots
-        self._length = arena.robot.length
         self._least_way = MAKES_WAY * arena.robot.top_speed * arena.timing.decision_period
         period = arena.timing.decision_period
         self._period = period

@@ -51,14 +51,7 @@ def record_episode(
     if env.autoreset:
         raise ValueError("record_episode needs an environment with autoreset=False")
     with recording(path, env.arena, robots=env.robots, about=about) as recorder:
-        observation = env.reset()
-        controller.reset(env)
-
-        def decide() -> None:
-            nonlocal observation
-            observation = env.step(controller.act(env, observation)).observation
-
-        return _record(env, decide, recorder, [(0, env.episode_steps + 1)], on_step)
+        return _record(env, _by_controller(controller, env), recorder, [(0, env.episode_steps + 1)], on_step)
 
 
 def record_trajectory(
@@ -85,11 +78,7 @@ def record_trajectory(
     wanted = widened(spans, len(trajectory.chosen))
     env = begun(trajectory, source)
     with recording(path, env.arena, robots=env.robots, about=about) as recorder:
-
-        def decide() -> None:
-            env.step(trajectory.chosen[env.steps_taken][None])
-
-        return _record(env, decide, recorder, wanted, on_step)
+        return _record(env, _by_trajectory(trajectory, env), recorder, wanted, on_step)
 
 
 def widened(spans: Sequence[tuple[int, int]] | None, decisions: int) -> list[tuple[int, int]]:
@@ -127,14 +116,7 @@ def _last_run(spans: Sequence[tuple[int, int]], decisions: int, arena: Arena) ->
 
 def watch_episode(controller: Controller, env: VectorEnv, *, on_step: OnStep | None = None) -> list[Clog]:
     """Run a new episode of the first environment of `env`, without a recording; return its clogs."""
-    observation = env.reset()
-    controller.reset(env)
-
-    def decide() -> None:
-        nonlocal observation
-        observation = env.step(controller.act(env, observation)).observation
-
-    return _watch(env, decide, on_step)
+    return _watch(env, _by_controller(controller, env), on_step)
 
 
 def watch_trajectory(
@@ -145,10 +127,31 @@ def watch_trajectory(
     Raises InputError if it cannot be run; `source` is what the error calls it.
     """
     env = begun(trajectory, source)
-    return _watch(env, lambda: env.step(trajectory.chosen[env.steps_taken][None]), on_step)
+    return _watch(env, _by_trajectory(trajectory, env), on_step)
 
 
-def _watch(env: VectorEnv, decide: Callable[[], object], on_step: OnStep | None) -> list[Clog]:
+def _by_controller(controller: Controller, env: VectorEnv) -> Callable[[], None]:
+    """Begin a new episode; return what takes its next decision."""
+    observation = env.reset()
+    controller.reset(env)
+
+    def decide() -> None:
+        nonlocal observation
+        observation = env.step(controller.act(env, observation)).observation
+
+    return decide
+
+
+def _by_trajectory(trajectory: Trajectory, env: VectorEnv) -> Callable[[], None]:
+    """Return what takes the next decision of a trajectory again."""
+
+    def decide() -> None:
+        env.step(trajectory.chosen[env.steps_taken][None])
+
+    return decide
+
+
+def _watch(env: VectorEnv, decide: Callable[[], None], on_step: OnStep | None) -> list[Clog]:
     monitor = EpisodeMonitor(env.arena, env.robots)
     monitor.add(env.frame())
     while env.steps_taken < env.episode_steps:
