@@ -37,13 +37,18 @@ class _Record(BaseModel):
 
 
 class TechniqueCard(_Record):
-    """How the policy learned."""
+    """How the policy learned, and what of it stays with the policy when it acts."""
 
     name: Text
     global_reward: bool
     stigmergy: bool
     curriculum: bool
     signed_progress: bool = False
+    parameter_sharing: bool = False
+    normalised: bool = False
+    """Hidden layers are divided by their root mean square, after ReLU."""
+    action_mask: bool = False
+    """Closed ways are not chosen, as `robosim.discretise.observation.closed_ways` tells them."""
 
 
 class ArenaCard(_Record):
@@ -207,6 +212,11 @@ class PolicyCard(_Record):
         return self.network.stored or self.robots
 
     @property
+    def shared(self) -> bool:
+        """Whether all robots run one network; it then drives a team of any size."""
+        return self.network.stored == 1
+
+    @property
     def share(self) -> float | None:
         """Pellets per episode relative to the reference's; None without both evaluations or if that is 0."""
         if self.evaluation is None or self.reference is None or self.reference.mean == 0.0:
@@ -238,7 +248,7 @@ def card_for(
     """
     layers, networks = len(weights) // 2, len(weights["layer0.weight"])
     hidden = tuple(weights[f"layer{layer}.bias"].shape[1] for layer in range(layers - 1))
-    shared = networks == 1 < env.robots
+    shared = networks == 1 and (env.robots > 1 or technique.parameter_sharing)
     return PolicyCard(
         robots=env.robots if shared else networks,
         technique=technique,

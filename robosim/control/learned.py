@@ -36,7 +36,7 @@ def check_fit(policy: Policy, env: VectorEnv, name: str) -> None:
     differences = [
         (what, trained, given)
         for what, trained, given in (
-            ("robots", card.robots, env.robots),
+            *((("robots", card.robots, env.robots),) if not card.shared else ()),
             ("actions", card.actions, layout.actions),
             ("number of actions", card.num_actions, env.num_actions),
             ("observation encoding", card.observation.encoding, layout.encoding),

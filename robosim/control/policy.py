@@ -15,12 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.shipped import shipped_folder
 from robosim.control.card import PolicyCard, card_text, read_card, read_limited
+from robosim.discretise.observation import closed_ways, progress_columns
 from robosim.errors import InputError, nearest_names
 
 WEIGHTS_FILE = "policy.safetensors"
 CARD_FILE = "card.json"
 RUN_POLICY = "policy"
 """Name of the policy folder inside a run folder."""
+
+LEAST_SQUARE = 1e-5
+"""Added to the mean square by which hidden layers are normalised."""
 
 _DTYPES: dict[str, np.dtype[np.floating]] = {"F32": np.dtype("<f4"), "F16": np.dtype("<f2")}
 _MOST_HEADER = 1_000_000
@@ -45,23 +49,27 @@ class Policy:
             )
             for i in range(len(card.layers))
         ]
-        if card.network.of_robot:
+        if card.network.of_robot and not card.shared:
             of_robot = np.array(card.network.of_robot)
             stored = [(weight[of_robot], bias[of_robot]) for weight, bias in stored]
         self._weights = [np.ascontiguousarray(weight) for weight, _ in stored]
         self._biases = [bias[:, None] for _, bias in stored]
+        self._progress = (
+            progress_columns(card.observation.names, card.actions) if card.technique.action_mask else None
+        )
 
     @property
     def robots(self) -> int:
-        """Robots in the team."""
+        """Robots in the team that learned; one network for all drives any other number as well."""
         return self.card.robots
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
         """Return copies of `layer0.weight` [robots, in, out], `layer0.bias` [robots, out] and so on."""
         arrays: dict[str, NDArray[np.float32]] = {}
+        each = self.robots if self.card.shared else 1
         for i, (weight, bias) in enumerate(zip(self._weights, self._biases, strict=True)):
-            arrays[f"layer{i}.weight"] = weight.copy()
-            arrays[f"layer{i}.bias"] = bias[:, 0].copy()
+            arrays[f"layer{i}.weight"] = np.repeat(weight, each, axis=0)
+            arrays[f"layer{i}.bias"] = np.repeat(bias[:, 0], each, axis=0)
         return arrays
 
     def act(self, observation: ArrayLike) -> NDArray[np.int64]:
@@ -74,16 +82,24 @@ class Policy:
         return chosen
 
     def values(self, observation: ArrayLike) -> NDArray[np.float32]:
-        """Return action values [..., robots, actions], computed in float32; errors as in `act`."""
+        """Return action values [..., robots, actions], computed in float32; errors as in `act`.
+
+        What the policy does not choose, where its card has an `action_mask`, is worth minus infinity.
+        """
         inputs = self._checked(observation)
-        batch = inputs.shape[:-2]
         hidden = np.ascontiguousarray(inputs.reshape(-1, *inputs.shape[-2:]).swapaxes(0, 1))
         for weight, bias in zip(self._weights[:-1], self._biases[:-1], strict=True):
             hidden = hidden @ weight
             hidden += bias
             np.maximum(hidden, 0.0, out=hidden)
-        values = hidden @ self._weights[-1] + self._biases[-1]
-        return values.swapaxes(0, 1).reshape(*batch, self.robots, self.card.num_actions)
+            if self.card.technique.normalised:
+                square = np.mean(hidden * hidden, axis=-1, keepdims=True)
+                hidden /= np.sqrt(square + np.float32(LEAST_SQUARE))
+        values = (hidden @ self._weights[-1] + self._biases[-1]).swapaxes(0, 1)
+        values = values.reshape(*inputs.shape[:-1], self.card.num_actions)
+        if self._progress is not None:
+            values[..., :4][closed_ways(inputs, self._progress)] = -np.inf
+        return values
 
     def _checked(self, observation: ArrayLike) -> NDArray[np.float32]:
         size = len(self.card.observation.names)
@@ -91,10 +107,11 @@ class Policy:
             inputs = np.asarray(observation, np.float32)
         except (TypeError, ValueError) as error:
             raise InputError(f"observation is not an array of numbers: {error}.") from None
-        if inputs.shape[-2:] != (self.robots, size):
+        robots = inputs.shape[-2] if self.card.shared and inputs.ndim > 1 else self.robots
+        if inputs.shape[-2:] != (robots, size):
             raise InputError(
                 f"observation has shape {inputs.shape}: its last two axes must be robots and size, "
-                f"{(self.robots, size)}."
+                f"{(robots, size)}."
             )
         finite = np.isfinite(inputs)
         if not finite.all():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -81,6 +82,29 @@ class ObservationLayout:
     def high(self) -> NDArray[np.float32]:
         """[size] upper bounds."""
         return np.ones(self.size, dtype=np.float32)
+
+
+def progress_columns(names: Sequence[str], actions: ActionKind) -> tuple[int, int] | None:
+    """Return where the progress that N, S, W and E make begins in an observation: home, and to the source.
+
+    `names` are those of its numbers. None where they do not hold it, or actions are not cardinal.
+    """
+    firsts = [f"progress {goal} {_COMPASS[0]}" for goal in ("home", "to source")]
+    if actions != "cardinal" or not all(first in names for first in firsts):
+        return None
+    home, source = map(names.index, firsts)
+    return home, source
+
+
+def closed_ways(observation: NDArray[np.float32], columns: tuple[int, int]) -> NDArray[np.bool_]:
+    """Return which of the actions N, S, W and E are closed, [..., 4], for `observation` [..., size].
+
+    A way is closed when it loses a whole cell toward both goals: it ends at a wall, or leads straight away
+    from all that there is to do. `columns` come from `progress_columns`.
+    """
+    home, source = columns
+    closed = (observation[..., home : home + 4] <= -1.0) & (observation[..., source : source + 4] <= -1.0)
+    return np.asarray(closed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from robosim.discretise.observation import closed_ways
 from robosim.errors import InputError
 from robosim.learning.networks import (
     CPU,
@@ -47,6 +48,8 @@ class DqnSettings:
     """Transitions kept of each robot."""
     reward_scale: float
     """Factor on rewards before learning; it brings action values near 1, where the network starts."""
+    progress: tuple[int, int] | None = None
+    """Where observations tell closed ways (`progress_columns`), which are not chosen; None for no mask."""
 
 
 class StackedDoubleDQN:
@@ -100,7 +103,7 @@ class StackedDoubleDQN:
     def act(
         self, observation: NDArray[np.float32], epsilon: float | NDArray[np.float64]
     ) -> NDArray[np.int64]:
-        """Choose actions [envs, robots]: each robot its best, or with probability `epsilon` any.
+        """Choose actions [envs, robots]: each robot its best that is open, or with probability `epsilon` any.
 
         `epsilon` is one number, or [envs, 1].
         """
@@ -110,7 +113,10 @@ class StackedDoubleDQN:
         drawn = self._explore.integers(self.shape.outputs, size=shape)
         if explores.all():
             return drawn
-        return np.where(explores, drawn, self.values(observation).argmax(axis=-1))
+        values = self.values(observation)
+        if self.settings.progress is not None:
+            values[..., :4][closed_ways(observation, self.settings.progress)] = -np.inf
+        return np.where(explores, drawn, values.argmax(axis=-1))
 
     def update(self, learning_rate: float) -> None:
         """Make one step of Adam on a fresh batch of each robot's own experience."""
@@ -239,7 +245,11 @@ class _Block:
         batch, error = self.batch, self.error
         # The target network goes first: the other's parameters then stay in the cache up to the gradient.
         bootstrap = forward(self.target, batch.successors, self.after).clone()
-        best = forward(self.online, batch.successors, self.after).max(dim=2, keepdim=True).indices
+        values = forward(self.online, batch.successors, self.after)
+        if settings.progress is not None:
+            home, source = (batch.successors[..., first : first + 4] <= -1.0 for first in settings.progress)
+            values[..., :4].masked_fill_(home & source, -torch.inf)
+        best = values.max(dim=2, keepdim=True).indices
         values = forward(self.online, batch.observations, self.now)
         torch.gather(values, 2, batch.actions, out=error)
         error.sub_(bootstrap.gather(2, best), alpha=settings.discount)
@@ -247,7 +257,7 @@ class _Block:
         self.delta.zero_().scatter_(2, batch.actions, error * (2.0 / settings.batch_size))
         # What the layers made of the successors has served: its memory takes the propagated derivatives.
         scratch = self.after.hidden
-        backward(self.online, batch.observations, self.now.hidden, self.delta, scratch, self.gradient)
+        backward(self.online, batch.observations, self.now, self.delta, scratch, self.gradient)
 
 
 def require_precision(precision: str, device: torch.device) -> None:

@@ -18,6 +18,7 @@ from robosim.learning.dqn import StackedDoubleDQN
 from robosim.learning.metrics import Metrics, MetricsLog
 from robosim.learning.networks import ActionValues, NetworkShape, Parameters
 from robosim.learning.returns import Experience, MultiStepReturns
+from robosim.learning.technique import find_technique
 
 ROW = 500
 """Joint decisions in a row of the metrics."""
@@ -41,6 +42,11 @@ class Environment(Protocol):
     def dec_pomdp(self) -> _Discretised: ...
     def reset(self) -> NDArray[np.float32]: ...
     def step(self, actions: NDArray[np.int64]) -> Transition: ...
+
+
+def as_one_robot(array: NDArray[Any]) -> NDArray[Any]:
+    """Return [envs, robots, ...] as [envs * robots, 1, ...]: one network takes robots for environments."""
+    return np.ascontiguousarray(array).reshape(-1, 1, *array.shape[2:])
 
 
 class FrozenTeam:
@@ -85,6 +91,7 @@ class StageLoop:
         """Joint decisions taken in the stage."""
         self._frozen = frozen
         self._first = 0 if frozen is None else frozen.robots
+        self._shares = find_technique(config.technique).parameter_sharing
         self._returns = MultiStepReturns(config.return_steps, config.discount)
         self._observation = env.reset()
 
@@ -117,7 +124,7 @@ class StageLoop:
         if self._frozen is not None:
             actions[:, :first] = self._frozen.act(observation[:, :first])
         epsilons = self.config.epsilons(self.epsilon)[:, None]
-        actions[:, first:] = learner.act(observation[:, first:], epsilons)
+        actions[:, first:] = self._explore(observation[:, first:], epsilons)
         pending: Future[Transition] | None = beside.submit(env.step, actions) if beside else None
         self._update()
         transition = pending.result() if pending else env.step(actions)
@@ -127,6 +134,13 @@ class StageLoop:
             return None
         stage, loss = self.stage, float(learner.loss().mean())
         return self.log.cut(stage.name, stage.robots, stage.learning, self.epsilon, self.learning_rate, loss)
+
+    def _explore(self, observation: NDArray[np.float32], epsilons: NDArray[np.float64]) -> NDArray[np.int64]:
+        if not self._shares:
+            return self.learner.act(observation, epsilons)
+        envs, robots = observation.shape[:2]
+        each = np.repeat(epsilons, robots, axis=0)
+        return self.learner.act(as_one_robot(observation), each).reshape(envs, robots)
 
     def _update(self) -> None:
         config = self.config
@@ -144,7 +158,8 @@ class StageLoop:
         decision = Experience(observation[own], actions[own], reward, transition.final_observation[own])
         complete = self._returns.add(decision, bool(transition.truncated.all()))
         if complete is not None:
-            self.learner.replay.add(*complete)
+            parts = [as_one_robot(part) for part in complete] if self._shares else complete
+            self.learner.replay.add(*parts)
         self._observation = transition.observation
         dec = self.env.dec_pomdp
         self.log.add(reward, transition.final_delivered, transition.truncated, dec.collided, dec.blocked)

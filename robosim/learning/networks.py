@@ -12,6 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from robosim.control.policy import LEAST_SQUARE
 from robosim.errors import InputError
 
 CPU = torch.device("cpu")
@@ -27,6 +28,8 @@ class NetworkShape:
     inputs: int
     hidden: tuple[int, ...]
     outputs: int
+    normalised: bool = False
+    """What a hidden layer puts out is divided by its root mean square, after ReLU (Zhang 2019)."""
 
     @property
     def layers(self) -> tuple[tuple[int, int], ...]:
@@ -137,6 +140,10 @@ class Activations:
             for layer, width in enumerate(shape.hidden)
         ]
         """[robots, batch, width] of each layer but the last, after its ReLU."""
+        self.scales = [
+            torch.empty(shape.robots, batch, 1, device=device) for _ in shape.hidden if shape.normalised
+        ]
+        """[robots, batch, 1] by what each hidden layer was multiplied; empty where nothing is normalised."""
         self.values = transposed(shape.robots, batch, shape.outputs, device)
         """[robots, batch, outputs] of the last layer."""
 
@@ -144,6 +151,7 @@ class Activations:
         """Return views of what belongs to those robots."""
         part = copy(self)
         part.hidden, part.values = [output[robots] for output in self.hidden], self.values[robots]
+        part.scales = [scale[robots] for scale in self.scales]
         return part
 
 
@@ -161,10 +169,17 @@ def forward(layers: Layers, inputs: Tensor, activations: Activations) -> Tensor:
 
     The result is a buffer of `activations` and holds until the next pass through them.
     """
-    for weight, bias, output in zip(layers.weights, layers.biases, activations.hidden, strict=False):
+    scales: Sequence[Tensor | None] = activations.scales or [None] * len(activations.hidden)
+    for weight, bias, output, scale in zip(
+        layers.weights, layers.biases, activations.hidden, scales, strict=False
+    ):
         # A bias added afterwards costs less than `baddbmm`, which first spreads it over the output.
         torch.bmm(inputs, weight, out=output)
         inputs = output.add_(bias).relu_()
+        if scale is not None:
+            torch.linalg.vector_norm(output, dim=2, keepdim=True, out=scale)
+            scale.square_().mul_(1.0 / output.shape[2]).add_(LEAST_SQUARE).rsqrt_()
+            output.mul_(scale)
     torch.bmm(layers.weights[-1].mT, inputs.mT, out=activations.values.mT)
     return activations.values.add_(layers.biases[-1])
 
@@ -172,21 +187,26 @@ def forward(layers: Layers, inputs: Tensor, activations: Activations) -> Tensor:
 def backward(
     layers: Layers,
     inputs: Tensor,
-    hidden: Sequence[Tensor],
+    activations: Activations,
     delta: Tensor,
     scratch: Sequence[Tensor],
     gradient: Layers,
 ) -> None:
     """Fill `gradient` with that of a loss whose derivative by the action values is `delta`.
 
-    `inputs` [robots, batch, inputs] and the `hidden` activations are the pass to differentiate; `delta` is
-    [robots, batch, outputs], `transposed`. `scratch` is memory of the shapes of `hidden`, as `forward`
-    needs it without `keep`.
+    `inputs` [robots, batch, inputs] and the `activations`, kept, are the pass to differentiate; `delta` is
+    [robots, batch, outputs], `transposed`. `scratch` is memory of the shapes of the hidden layers, as
+    `forward` needs it without `keep`.
     """
+    hidden, scales = activations.hidden, activations.scales
     torch.bmm(delta.mT, hidden[-1] if hidden else inputs, out=gradient.weights[-1].mT)
     torch.sum(delta, dim=1, keepdim=True, out=gradient.biases[-1])
     for layer in reversed(range(len(hidden))):
         propagated = torch.bmm(delta, layers.weights[layer + 1].mT, out=scratch[layer])
+        if scales:
+            # What points along the output has no effect: it is divided out again.
+            along = torch.linalg.vecdot(propagated, hidden[layer]).unsqueeze(2)
+            propagated.addcmul_(hidden[layer], along, value=-1.0 / propagated.shape[2]).mul_(scales[layer])
         # ReLU passes the derivative on where its output is positive.
         delta = _threshold_backward(propagated, hidden[layer], 0.0, grad_input=propagated)
         torch.bmm((hidden[layer - 1] if layer else inputs).mT, delta, out=gradient.weights[layer])

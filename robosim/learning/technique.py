@@ -20,6 +20,22 @@ class Technique:
     """Newcomers join one at a time, while the robots before them stay frozen."""
     signed_progress: bool = False
     """Losing ground costs what gaining it pays; the paper pays for gains alone, so going to and fro pays."""
+    parameter_sharing: bool = False
+    """All robots act by one network, which learns from what each of them does (Gupta 2017)."""
+    normalised: bool = False
+    """What a hidden layer puts out is divided by its root mean square (Zhang 2019): no state, however rare,
+    is valued far above the others."""
+    action_mask: bool = False
+    """Robots do not choose ways that end at a wall or lead away from both goals, where their actions are
+    cardinal and their observations tell."""
+
+    def __post_init__(self) -> None:
+        """Check that the switches go together; InputError if not."""
+        if self.curriculum and self.parameter_sharing:
+            raise InputError(
+                f"technique {self.name!r}: one network for all cannot be frozen beside itself, so "
+                "parameter_sharing and curriculum must not both be True."
+            )
 
 
 TECHNIQUES = {
@@ -33,6 +49,16 @@ TECHNIQUES = {
         # Ours, not the paper's: without the noise of what others earn, and with no pay for dithering.
         Technique("iql+s", global_reward=False, stigmergy=True, curriculum=False, signed_progress=True),
         Technique("iql+sc", global_reward=False, stigmergy=True, curriculum=True, signed_progress=True),
+        Technique(
+            "ps-dqn",
+            global_reward=False,
+            stigmergy=True,
+            curriculum=False,
+            signed_progress=True,
+            parameter_sharing=True,
+            normalised=True,
+            action_mask=True,
+        ),
     )
 }
 _ALIASES = {"iql+gsc": "smadrl"}

@@ -16,6 +16,7 @@ from robosim.arena import load_arena
 from robosim.control.card import StageCard
 from robosim.control.learned import check_fit
 from robosim.control.policy import load_policy
+from robosim.discretise.observation import progress_columns
 from robosim.envs.vector import Snapshot, VectorEnv
 from robosim.errors import InputError
 from robosim.learning.checkpoint import Checkpoint, read_part, write_checkpoint, write_part
@@ -26,6 +27,8 @@ from robosim.learning.loop import FrozenTeam, StageLoop, Weights
 from robosim.learning.metrics import Metrics, MetricsLog, Sums
 from robosim.learning.networks import NetworkShape
 from robosim.learning.technique import find_technique
+
+_WITH = {True: "with", False: "without"}
 
 EVALUATION_SEED = 2
 """Child of the run's root seed; 0 and 1 serve the first stage, and later ones take two each."""
@@ -44,7 +47,10 @@ class Training:
         """The stages that are over."""
         self._team = starting_team(config)
         """Weights of the robots that have learned in earlier stages."""
-        self.stages = plan_stages(config, count_robots(self._team))
+        shared = find_technique(config.technique).parameter_sharing
+        self.stages = plan_stages(
+            config, config.robots if shared and self._team else count_robots(self._team)
+        )
         self._saved: list[tuple[int, int, str]] = []
         """Parts of the present stage's experience that are on disk: first transition, last + 1, file."""
         self._begin(0)
@@ -200,9 +206,22 @@ def starting_team(config: TrainConfig) -> Weights:
             f"start_from {config.start_from!r} has hidden layers {list(policy.card.network.hidden)}: "
             f"the run's must be the same, not {list(config.hidden)}."
         )
-    if robots <= config.robots:
-        check_fit(policy, make_env(config, 1, 0, robots=robots), config.start_from)
-    return policy.weights()
+    technique = find_technique(config.technique)
+    if policy.card.technique.normalised != technique.normalised:
+        raise InputError(
+            f"start_from {config.start_from!r} was trained {_WITH[policy.card.technique.normalised]} "
+            f"normalised layers: technique {config.technique} learns {_WITH[technique.normalised]} them."
+        )
+    if robots <= config.robots or policy.card.shared:
+        check_fit(policy, make_env(config, 1, 0, robots=min(robots, config.robots)), config.start_from)
+    if not technique.parameter_sharing:
+        return policy.weights()
+    if not policy.card.shared:
+        raise InputError(
+            f"start_from {config.start_from!r} has a network for each robot: technique {config.technique} "
+            "starts from one that all robots share."
+        )
+    return robots_of(policy.weights(), 0, 1)
 
 
 def robots_of(weights: Weights, first: int, last: int) -> dict[str, NDArray[np.float32]]:
@@ -249,19 +268,23 @@ def make_env(
 def make_learner(
     config: TrainConfig, robots: int, env: VectorEnv, seed: np.random.SeedSequence, steps: int
 ) -> StackedDoubleDQN:
-    """Return a fresh learner of `robots` networks; InputError when its replay exceeds the memory.
+    """Return a fresh learner for `robots` robots; InputError when its replay exceeds the memory.
 
     `steps` is how many joint decisions it will learn from at most.
     """
-    shape = NetworkShape(robots, env.layout.size, config.hidden, env.num_actions)
+    technique, layout = find_technique(config.technique), env.layout
+    # One network for all learns from as many transitions as their own networks would together.
+    networks, each = (1, robots) if technique.parameter_sharing else (robots, 1)
+    shape = NetworkShape(networks, layout.size, config.hidden, env.num_actions, technique.normalised)
     # More room than there are decisions would be reserved in vain.
-    capacity = min(config.replay_capacity, steps + config.num_envs)
+    capacity = max(min(config.replay_capacity, steps + config.num_envs), config.num_envs)
     settings = DqnSettings(
         discount=config.discount**config.return_steps,
-        batch_size=config.batch_size,
+        batch_size=config.batch_size * each,
         target_interval=config.target_interval,
-        replay_capacity=max(capacity, config.num_envs),
+        replay_capacity=capacity * each,
         reward_scale=config.reward_scale,
+        progress=progress_columns(layout.names, config.actions) if technique.action_mask else None,
     )
     try:
         return StackedDoubleDQN(shape, settings, seed, config.device, config.precision)

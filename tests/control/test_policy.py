@@ -8,9 +8,11 @@ import pytest
 import safetensors.numpy
 
 import robosim.control.policy as policy_module
-from robosim.control.card import NetworkCard, card_text
+from robosim.control.card import NetworkCard, ObservationCard, TechniqueCard, card_text
 from robosim.control.policy import Policy, load_policy, save_policy
 from robosim.errors import InputError
+
+PLAIN = {"name": "iql", "global_reward": False, "stigmergy": False, "curriculum": False}
 
 
 @pytest.fixture
@@ -25,12 +27,16 @@ def slow_action(weights, card, robot, observation):
         hidden = hidden @ weights[f"layer{layer}.weight"][robot] + weights[f"layer{layer}.bias"][robot]
         if layer < len(card.layers) - 1:
             hidden = np.where(hidden > 0, hidden, 0)
+            if card.technique.normalised:
+                hidden = hidden / np.sqrt(np.mean(hidden.astype(float) ** 2) + 1e-5)
     return hidden.argmax(), hidden
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (4,), (2, 3)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float16])
-def test_acts_as_each_robots_own_network(tmp_path, card, weights_of, batch, dtype):
+@pytest.mark.parametrize("normalised", [False, True])
+def test_acts_as_each_robots_own_network(tmp_path, card_of, weights_of, batch, dtype, normalised):
+    card = card_of(technique=TechniqueCard(**PLAIN, normalised=normalised))
     weights = weights_of(card, dtype=dtype)
     save_policy(tmp_path / "p", weights, card)
     policy = load_policy(tmp_path / "p")
@@ -65,6 +71,46 @@ def test_robots_may_run_one_stored_network(tmp_path, card_of, weights_of):
     assert given == dict.fromkeys(weights, True)
     with pytest.raises(InputError, match=r"'layer0.bias' has shape \(3, 16\); the card says \(2, 16\)."):
         Policy(weights_of(card), card)
+
+
+def test_one_network_for_all_drives_a_team_of_any_size(tmp_path, card_of, weights_of):
+    card = card_of(network=NetworkCard(hidden=(16, 12), of_robot=(0, 0, 0)))
+    weights = {name: array[:1] for name, array in weights_of(card).items()}
+    save_policy(tmp_path / "p", weights, card)
+    policy = load_policy(tmp_path / "p")
+    assert (card.shared, policy.robots, policy.weights()["layer0.weight"].shape[0]) == (True, 3, 3)
+    for robots in (1, 3, 8):
+        observation = np.random.default_rng(robots).normal(size=(20, robots, 7)).astype(np.float32)
+        actions = policy.act(observation)
+        assert actions.shape == (20, robots)
+        for place in np.ndindex(actions.shape):
+            _, values = slow_action(weights, card, 0, observation[place])
+            np.testing.assert_allclose(policy.values(observation)[place], values, rtol=2e-3, atol=2e-3)
+    with pytest.raises(InputError, match=r"observation has shape \(7,\)"):
+        policy.act(np.zeros(7))
+
+
+def test_closed_ways_are_worth_nothing_and_not_taken(card_of, weights_of):
+    names = [f"number {i}" for i in range(9)]
+    for first, goal in ((0, "home"), (4, "to source")):
+        names[first : first + 4] = [f"progress {goal} {side}" for side in "NSWE"]
+    observed = ObservationCard(encoding="expanded", stigmergy=True, names=tuple(names))
+    card = card_of(technique=TechniqueCard(**PLAIN, action_mask=True), observation=observed)
+    free = card_of(observation=observed)
+    weights = weights_of(card)
+    rng = np.random.default_rng(0)
+    observation = rng.uniform(-0.99, 1.0, (200, 3, 9)).astype(np.float32)
+    home, source = rng.random((2, 200, 3, 4)) < 0.6
+    observation[..., 0:4][home] = -1.0
+    observation[..., 4:8][source] = -1.0
+    values, unmasked = (Policy(weights, one).values(observation) for one in (card, free))
+    closed = np.concatenate([home & source, np.zeros((200, 3, 1), bool)], axis=2)
+    assert (values == np.where(closed, -np.inf, unmasked)).all()
+    taken = np.take_along_axis(closed, Policy(weights, card).act(observation)[..., None], axis=2)
+    assert closed.any()
+    assert not taken.any()
+    wheels = card_of(technique=card.technique, observation=observed, actions="wheels")
+    assert (Policy(weights, wheels).values(observation) == unmasked).all()
 
 
 def test_few_stored_networks_cannot_fill_the_memory(tmp_path, card_of):

@@ -3,7 +3,14 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from robosim.arena import load_arena, parse_arena
-from robosim.discretise.observation import ENCODINGS, Encoding, ObservationLayout
+from robosim.discretise.cells import NEIGHBOURS
+from robosim.discretise.observation import (
+    ENCODINGS,
+    Encoding,
+    ObservationLayout,
+    closed_ways,
+    progress_columns,
+)
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.envs.vector import VectorEnv
 from robosim.robot.drivers import ACTION_KINDS, ActionKind
@@ -126,3 +133,40 @@ def test_density_is_what_is_in_the_tunnel_over_its_length_and_at_most_one() -> N
         observation = env.reset()
         assert observation[0, :, -1] == pytest.approx(density)
         assert env.frame().density == pytest.approx(robots / 11)
+
+
+@pytest.mark.parametrize("arena", ["paper", "single-lane", "s-bend"])
+def test_closed_ways_are_walls_and_what_leads_away_from_both_goals(arena: str) -> None:
+    env = VectorEnv(arena, robots=3, num_envs=2, seed=1)
+    columns = progress_columns(env.layout.names, "cardinal")
+    assert columns is not None
+    observation = env.reset()
+    rng, walls, free = np.random.default_rng(0), 0, 0
+    read = load_arena(arena)
+    centre = read.cell_size * np.float64(0.5)
+    for _ in range(400):
+        closed = closed_ways(observation, columns)
+        for place in np.ndindex(2, 3):
+            column, row = (env.world.state.pose[place][:2] / read.cell_size).astype(int)
+            here = read.distances.sample(np.array([column, row]) * read.cell_size + centre)
+            for way, (across, up) in enumerate(NEIGHBOURS[:4]):
+                if read.zones[row + up, column + across] == 0:
+                    assert closed[(*place, way)]
+                    walls += 1
+                    continue
+                there = read.distances.sample(np.array([column + across, row + up]) * read.cell_size + centre)
+                lost = (there - here) / read.cell_size
+                assert closed[(*place, way)] == (lost >= 1.0).all()
+                free += 1
+        observation = env.step(rng.integers(5, size=(2, 3))).observation
+    assert min(walls, free) > 100
+
+
+def test_ways_are_told_by_cardinal_actions_and_the_expanded_encoding_alone() -> None:
+    for actions in ACTION_KINDS:
+        for encoding in ENCODINGS:
+            names = ObservationLayout(encoding, True, actions, 2).names
+            columns = progress_columns(names, actions)
+            assert (columns is None) == (actions == "wheels" or encoding == "paper")
+            if columns is not None:
+                assert [names[first] for first in columns] == ["progress home N", "progress to source N"]

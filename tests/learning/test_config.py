@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from robosim.errors import InputError
 from robosim.learning.config import TrainConfig, read_config, write_config
-from robosim.learning.technique import TECHNIQUES, find_technique
+from robosim.learning.technique import TECHNIQUES, Technique, find_technique
 
 
 @given(
@@ -93,6 +93,20 @@ def test_techniques_add_one_thing_each():
         "iql+gs": (True, True, False),
         "smadrl": (True, True, True),
         "iql+sc": (False, True, True),
+        "ps-dqn": (False, True, False),
     }
+    alone = [t for t in TECHNIQUES.values() if t.name != "ps-dqn"]
+    assert not any(t.parameter_sharing or t.normalised or t.action_mask for t in alone)
+    ours = find_technique("ps-dqn")
+    assert (ours.parameter_sharing, ours.normalised, ours.action_mask) == (True, True, True)
     assert find_technique("iql").name == "iql"
     assert find_technique("iql+gsc").name == "smadrl"
+
+
+def test_one_network_for_all_and_a_curriculum_exclude_each_other():
+    with pytest.raises(InputError) as caught:
+        Technique("x", False, True, curriculum=True, parameter_sharing=True)
+    assert str(caught.value) == (
+        "technique 'x': one network for all cannot be frozen beside itself, so parameter_sharing and "
+        "curriculum must not both be True."
+    )

@@ -24,6 +24,13 @@ def filled(shape=SHAPE, settings=SETTINGS, seed=0, reward_of_last=1.0, device="c
     return learner
 
 
+class Normalised(torch.nn.Module):
+    """Each row over its root mean square."""
+
+    def forward(self, rows):
+        return rows / (rows.square().mean(dim=-1, keepdim=True) + 1e-5).sqrt()
+
+
 def linear_networks(parameters):
     networks = []
     for robot in range(parameters.shape.robots):
@@ -33,14 +40,18 @@ def linear_networks(parameters):
             linear.weight.data.copy_(weight[robot].T)
             linear.bias.data.copy_(bias[robot, 0])
             layers += [linear, torch.nn.ReLU()]
-        networks.append(torch.nn.Sequential(*layers[:-1]))
+            layers += [Normalised()] if parameters.shape.normalised else []
+        rest = 2 if parameters.shape.normalised else 1
+        networks.append(torch.nn.Sequential(*layers[:-rest]))
     return networks
 
 
+@pytest.mark.parametrize("normalised", [False, True])
 @pytest.mark.parametrize("batch_size", [8, 500, 1500])
-def test_updates_equal_plain_double_dqn_with_autograd(batch_size):
+def test_updates_equal_plain_double_dqn_with_autograd(batch_size, normalised):
     """Whether the robots are taken all together, two and one, or one by one."""
-    learner = filled(settings=replace(SETTINGS, batch_size=batch_size))
+    shape = replace(SHAPE, normalised=normalised)
+    learner = filled(shape, settings=replace(SETTINGS, batch_size=batch_size))
     assert len(learner._blocks) == {8: 1, 500: 2, 1500: 3}[batch_size]
     online, target = linear_networks(learner.parameters), linear_networks(learner.target)
     optimisers = [torch.optim.Adam(network.parameters(), lr=1e-3) for network in online]
@@ -63,6 +74,53 @@ def test_updates_equal_plain_double_dqn_with_autograd(batch_size):
         for ours, theirs in zip(expected, online, strict=True):
             for one, other in zip(ours.parameters(), theirs.parameters(), strict=True):
                 torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
+
+
+MASKED = replace(SETTINGS, progress=(0, 5))
+WIDE = replace(SHAPE, inputs=10)
+
+
+def some_ways_closed(learner):
+    """Close about a quarter of the ways in what is held in the replay."""
+    numbers = learner.replay._pairs
+    closed = torch.rand(numbers[..., :4].shape, generator=torch.Generator().manual_seed(3)) < 0.25
+    numbers[..., 0:4][closed] = numbers[..., 5:9][closed] = -1.0
+    # A loss of a cell toward one goal alone closes nothing.
+    numbers[..., 0:4][torch.rand(closed.shape, generator=torch.Generator().manual_seed(4)) < 0.25] = -1.0
+
+
+def test_targets_follow_the_best_open_way():
+    learner = filled(WIDE, MASKED)
+    some_ways_closed(learner)
+    online, target = linear_networks(learner.parameters), linear_networks(learner.target)
+    learner.update(1e-3)
+    drawn, differ = learner._batch, 0
+    for robot in range(WIDE.robots):
+        errors = []
+        for k in range(MASKED.batch_size):
+            now, after = drawn.observations[robot, k], drawn.successors[robot, k]
+            with torch.no_grad():
+                values, valued, acted = online[robot](after), target[robot](after), online[robot](now)
+            still_open = [a for a in range(4) if not (after[a] == -1.0 and after[5 + a] == -1.0)] + [4]
+            best = max(still_open, key=lambda action, values=values: float(values[action]))
+            differ += best != int(values.argmax())
+            goal = 0.5 * drawn.rewards[robot, k, 0] + 0.9 * valued[best]
+            errors.append(float(acted[drawn.actions[robot, k, 0]] - goal) ** 2)
+        assert float(learner.loss()[robot]) == pytest.approx(np.mean(errors), rel=1e-4)
+    assert differ > 0
+
+
+def test_the_greedy_take_open_ways_only():
+    learner, free = filled(WIDE, MASKED), filled(WIDE)
+    observation = np.random.default_rng(0).uniform(0, 1, (400, 3, 10)).astype(np.float32)
+    closed = np.random.default_rng(1).random((400, 3, 4)) < 0.5
+    observation[..., 0:4][closed] = observation[..., 5:9][closed] = -1.0
+    chosen, wished = learner.act(observation, 0.0), free.act(observation, 0.0)
+    shut = np.concatenate([closed, np.zeros((400, 3, 1), bool)], axis=2)
+    assert not np.take_along_axis(shut, chosen[..., None], axis=2).any()
+    wishes_hold = ~np.take_along_axis(shut, wished[..., None], axis=2)[..., 0]
+    assert 0 < wishes_hold.sum() < wishes_hold.size
+    assert (chosen == wished)[wishes_hold].all()
 
 
 def test_equal_seeds_give_equal_bits():

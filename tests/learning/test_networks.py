@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -14,6 +16,13 @@ from robosim.learning.networks import (
 )
 
 SHAPE = NetworkShape(robots=3, inputs=7, hidden=(16, 12), outputs=5)
+
+
+class Normalised(torch.nn.Module):
+    """Each row over its root mean square."""
+
+    def forward(self, rows):
+        return rows / (rows.square().mean(dim=-1, keepdim=True) + 1e-5).sqrt()
 
 
 def fresh(shape=SHAPE, seed=0):
@@ -33,29 +42,34 @@ def modules(parameters):
                 linear.weight.copy_(weight[robot].T)
                 linear.bias.copy_(bias[robot, 0])
             layers += [linear, torch.nn.ReLU()]
-        networks.append(torch.nn.Sequential(*layers[:-1]))
+            layers += [Normalised()] if parameters.shape.normalised else []
+        rest = 2 if parameters.shape.normalised else 1
+        networks.append(torch.nn.Sequential(*layers[:-rest]))
     return networks
 
 
-def test_forward_equals_one_network_after_another():
-    parameters = fresh()
+@pytest.mark.parametrize("normalised", [False, True])
+def test_forward_equals_one_network_after_another(normalised):
+    shape = dataclasses.replace(SHAPE, normalised=normalised)
+    parameters = fresh(shape)
     inputs = torch.randn(3, 10, 7, generator=torch.Generator().manual_seed(0))
     for keep in (True, False):
-        values = forward(parameters, inputs, Activations(SHAPE, 10, keep=keep))
+        values = forward(parameters, inputs, Activations(shape, 10, keep=keep))
         for robot, network in enumerate(modules(parameters)):
             torch.testing.assert_close(values[robot], network(inputs[robot]))
 
 
+@pytest.mark.parametrize("normalised", [False, True])
 @pytest.mark.parametrize("hidden", [(), (16,), (16, 12, 9)])
-def test_hand_written_gradient_equals_autograd(hidden):
-    shape = NetworkShape(robots=3, inputs=7, hidden=hidden, outputs=5)
+def test_hand_written_gradient_equals_autograd(hidden, normalised):
+    shape = NetworkShape(robots=3, inputs=7, hidden=hidden, outputs=5, normalised=normalised)
     parameters, gradient = fresh(shape), Parameters(shape)
     generator = torch.Generator().manual_seed(1)
     inputs = torch.randn(3, 10, 7, generator=generator)
     delta = transposed(3, 10, 5).copy_(torch.randn(3, 10, 5, generator=generator))
     activations, scratch = Activations(shape, 10), Activations(shape, 10, keep=False)
     forward(parameters, inputs, activations)
-    backward(parameters, inputs, activations.hidden, delta, scratch.hidden, gradient)
+    backward(parameters, inputs, activations, delta, scratch.hidden, gradient)
     for robot, network in enumerate(modules(parameters)):
         network(inputs[robot]).backward(delta[robot])
         linears = [layer for layer in network if isinstance(layer, torch.nn.Linear)]

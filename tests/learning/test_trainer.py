@@ -183,6 +183,81 @@ def test_a_newcomer_can_start_as_a_copy_and_a_run_from_a_policy(tmp_path):
     assert not (tmp_path / "other").exists()
 
 
+def test_one_network_learns_from_what_every_robot_does(corridor):
+    config = replace(WALK, technique="ps-dqn", steps=60)
+    env, same = corridor(robots=3, num_envs=2), corridor(robots=3, num_envs=2)
+    learner = make_learner(config, 3, env, np.random.SeedSequence(0), config.steps)
+    assert learner.shape.robots == 1
+    assert learner.settings.batch_size == 3 * config.batch_size
+    stage = Stage("together", 3, 3, 1.0, explores=True)
+    seen, taken, act = [], [], learner.act
+
+    def act_and_tell(observation, epsilon):
+        assert observation.shape[:2] == (6, 1)
+        seen.append(observation[:, 0].copy())
+        taken.append(act(observation, epsilon))
+        return taken[-1]
+
+    learner.act = act_and_tell
+    loop = StageLoop(config, stage, config.steps, env, learner, None, MetricsLog())
+    while not loop.finished:
+        loop.advance()
+    # The same actions, run plainly, give what has been kept, robot by robot.
+    observation, rewards = same.reset(), []
+    for k, actions in enumerate(taken):
+        np.testing.assert_array_equal(seen[k].reshape(2, 3, -1), observation)
+        transition = same.step(actions.reshape(2, 3))
+        rewards.append(transition.reward)
+        observation = transition.observation
+    kept = learner.replay.export(0, learner.replay.added)
+    complete = len(taken) - config.return_steps + 1
+    assert learner.replay.added == 6 * complete
+    for k in range(complete):
+        total = sum(config.discount**i * rewards[k + i] for i in range(config.return_steps))
+        rows = np.s_[0, 6 * k : 6 * k + 6]
+        np.testing.assert_array_equal(kept["observations"][rows], seen[k])
+        np.testing.assert_array_equal(kept["actions"][rows], taken[k][:, 0])
+        np.testing.assert_allclose(kept["rewards"][rows], total.ravel(), rtol=1e-5, atol=1e-6)
+
+
+def test_a_team_with_one_network_is_resumed_to_the_same_bits_and_grows(tmp_path):
+    shared = replace(SHORT, technique="ps-dqn", steps=480)
+    run(tmp_path / "whole", shared)
+
+    def stop(row):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(shared, tmp_path / "run", stop)
+    resume(tmp_path / "run", lambda row: None)
+    assert weights(tmp_path / "run") == weights(tmp_path / "whole")
+    policy = load_policy(tmp_path / "run")
+    assert (policy.card.robots, policy.card.networks, policy.card.shared) == (2, 1, True)
+    never = replace(shared, robots=5, warmup=10_000, start_from=str(tmp_path / "run"), evaluation_episodes=0)
+    run(tmp_path / "five", never)
+    grown = load_policy(tmp_path / "five")
+    assert (grown.card.robots, grown.card.networks) == (5, 1)
+    run(tmp_path / "one", replace(never, robots=1))
+    for name, array in policy.weights().items():
+        for robots, folder in ((5, "five"), (1, "one")):
+            team = load_policy(tmp_path / folder).weights()[name]
+            np.testing.assert_array_equal(team, np.repeat(array[:1], robots, axis=0))
+
+
+def test_what_one_network_cannot_start_from_is_a_sentence(tmp_path):
+    for technique in ("iql+s", "ps-dqn"):
+        run(tmp_path / technique, replace(SHORT, technique=technique, evaluation_episodes=0))
+    for technique, other, told in (
+        ("ps-dqn", "iql+s", "was trained without normalised layers: technique ps-dqn learns with them."),
+        ("iql+s", "ps-dqn", "was trained with normalised layers: technique iql+s learns without them."),
+    ):
+        start = str(tmp_path / other)
+        with pytest.raises(InputError) as caught:
+            run(tmp_path / "no", replace(SHORT, technique=technique, start_from=start))
+        assert str(caught.value) == f"start_from {start!r} {told}"
+    assert not (tmp_path / "no").exists()
+
+
 def test_acting_beside_learning_changes_no_bit(tmp_path):
     run(tmp_path / "one", CURRICULUM)
     run(tmp_path / "two", replace(CURRICULUM, overlap=True))
@@ -330,7 +405,7 @@ def test_a_disk_that_is_full_ends_the_run_with_a_sentence_and_keeps_the_checkpoi
 
 @pytest.mark.parametrize("actions", ["cardinal", "wheels"])
 @pytest.mark.parametrize("encoding", ["paper", "expanded"])
-@pytest.mark.parametrize("technique", ["iql", "iql+g", "iql+gs", "smadrl"])
+@pytest.mark.parametrize("technique", ["iql", "iql+g", "iql+gs", "smadrl", "ps-dqn"])
 def test_every_technique_trains_with_every_kind_of_action_and_observation(
     tmp_path, technique, encoding, actions
 ):
@@ -339,7 +414,7 @@ def test_every_technique_trains_with_every_kind_of_action_and_observation(
     assert rows[-1].step >= 120
     card = load_policy(tmp_path / "run").card
     assert (card.technique.name, card.observation.encoding, card.actions) == (technique, encoding, actions)
-    assert card.observation.stigmergy is (technique in ("iql+gs", "smadrl"))
+    assert card.observation.stigmergy is (technique in ("iql+gs", "smadrl", "ps-dqn"))
     assert result.evaluation.robots == 3
 
 
