@@ -146,8 +146,12 @@ def _learning(card: PolicyCard) -> list[tuple[str, str]]:
     switches = (
         "pickups and deliveries pay " + ("the whole team" if technique.global_reward else "the robot itself"),
         *(["losing ground costs"] if technique.signed_progress else []),
+        *(["standing costs"] if technique.idle_cost else []),
         f"pheromones are {'' if technique.stigmergy else 'not '}seen",
         f"{'a' if technique.curriculum else 'no'} curriculum",
+        *(["one network for all"] if technique.parameter_sharing else []),
+        *(["normalised layers"] if technique.normalised else []),
+        *(["closed ways are not taken"] if technique.action_mask else []),
     )
     return [
         ("technique", f"{technique.name}: {', '.join(switches)}"),

@@ -44,6 +44,7 @@ class TechniqueCard(_Record):
     stigmergy: bool
     curriculum: bool
     signed_progress: bool = False
+    idle_cost: bool = False
     parameter_sharing: bool = False
     normalised: bool = False
     """Hidden layers are divided by their root mean square, after ReLU."""

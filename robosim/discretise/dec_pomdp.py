@@ -117,6 +117,7 @@ class DecPomdp:
             laden=was_laden,
             pickups=self._first_pickups(state),
             deliveries=state.deliveries,
+            idle=in_place,
         )
         self.pheromone.update(self._cell, self.shown_mode, self._laden, actions)
         return reward

@@ -35,6 +35,11 @@ class RewardConfig:
     The paper pays a fixed sum for any decision that brings the robot closer, and nothing for one that takes
     it away, so a robot that goes to and fro is paid every other decision for nothing.
     """
+    idle_cost: bool = False
+    """Charge a robot for every decision without making way what progress at top speed would have paid.
+
+    The paper fines collisions but not standing, so two robots that meet do best to wait for each other.
+    """
     distance: float = 2.5
     collision: float = -2.0
     pickup: float = 50.0
@@ -52,13 +57,14 @@ def rewards(
     laden: NDArray[np.bool_],
     pickups: NDArray[np.int64],
     deliveries: NDArray[np.int64],
+    idle: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
     """Return the rewards [envs, robots] of one decision, r = w_d r_d + w_c r_c + w_p r_p + w_s r_s.
 
     All arguments are [envs, robots]: `progress` toward the goal as a share of a decision's way at top
     speed, of which `CLOSER_SHARE` counts as closer, `collided` with
     another robot, `laden` before the decision (laden robots are not penalised), first `pickups` of
-    pellets, and `deliveries`.
+    pellets, `deliveries`, and whether it made no way (`idle`).
     """
     team = (config.pickup_weight * config.pickup) * pickups
     team = team + (config.delivery_weight * config.delivery) * deliveries
@@ -70,4 +76,6 @@ def rewards(
     paid = np.clip(progress, -1.0, 1.0) if config.signed_progress else progress > CLOSER_SHARE
     own = (config.distance_weight * config.distance) * paid
     own = own + (config.collision_weight * config.collision) * (collided & ~laden)
+    if config.idle_cost:
+        own = own - (config.distance_weight * config.distance) * idle
     return np.asarray(team + own)

@@ -25,6 +25,10 @@ class EnvOptions(TypedDict, total=False):
     """Whether a global reward pays everyone the whole (`copied`) or an equal part (`split`)."""
     signed_progress: bool
     """Whether losing ground costs what gaining it pays; the paper pays for gains alone."""
+    idle_cost: bool
+    """Whether a decision without making way costs what one at top speed pays."""
+    pellet_gradient: float
+    """How unevenly pellets may lie as an episode begins, from 0, evenly, to 50."""
     episode_steps: int | None
     """Decisions in an episode; None: the arena's."""
     pheromone: PheromoneConfig | None

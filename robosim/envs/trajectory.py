@@ -26,11 +26,16 @@ SUFFIX = ".npz"
 LONGEST_POLICY = 4096
 """Characters of a trajectory's `policy`."""
 
-_FORMAT = 2
+MAX_PELLET_GRADIENT = 50.0
+"""The largest `pellet_gradient` of an environment."""
+
+_FORMAT = 3
 _FIRST_FIELDS = ("format", "arena", "actions", "seed", "episode", "chosen")
+_SECOND_FIELDS = (*_FIRST_FIELDS, "pheromone", "reward", "sharing", "signed_progress", "policy")
 _FIELDS = {
     1: _FIRST_FIELDS,
-    2: (*_FIRST_FIELDS, "pheromone", "reward", "sharing", "signed_progress", "policy"),
+    2: _SECOND_FIELDS,
+    3: (*_SECOND_FIELDS, "idle_cost", "pellet_gradient"),
 }
 """By format."""
 _SHARINGS: tuple[Sharing, ...] = get_args(Sharing)
@@ -60,8 +65,8 @@ _Values = dict[str, NDArray[np.generic]]
 class Trajectory:
     """One environment's episode.
 
-    The fields up to `chosen` say how bodies move. The others do not touch them: they say what a recording
-    shows beside.
+    The fields up to `pellet_gradient` say how bodies move. The others do not touch them: they say what a
+    recording shows beside.
     """
 
     arena: str
@@ -73,10 +78,13 @@ class Trajectory:
     """Which of the seed's episodes it is."""
     chosen: NDArray[np.uint8]
     """[decisions, robots] actions."""
+    pellet_gradient: float = 0.0
+    """Of the environment."""
     pheromone: PheromoneConfig = field(default_factory=PheromoneConfig)
     reward: RewardKind = "global"
     sharing: Sharing = "copied"
     signed_progress: bool = False
+    idle_cost: bool = False
     policy: str = ""
     """Who drove, in a line of at most `LONGEST_POLICY` printable characters; empty if unknown."""
 
@@ -101,6 +109,8 @@ class Trajectory:
                 reward=np.int64(REWARD_KINDS.index(self.reward)),
                 sharing=np.int64(_SHARINGS.index(self.sharing)),
                 signed_progress=np.int64(self.signed_progress),
+                idle_cost=np.int64(self.idle_cost),
+                pellet_gradient=np.float64(self.pellet_gradient),
                 policy=np.frombuffer(self.policy.encode(), dtype=np.uint8),
             )
 
@@ -115,7 +125,8 @@ def require_place(path: str | Path) -> None:
 def load_trajectory(path: str | Path) -> Trajectory:
     """Read a trajectory; raises InputError for a file that is none, and runs no code from it.
 
-    Files of format 1 know nothing of pheromones, rewards and policy: these become the defaults.
+    Files of format 1 know nothing of pheromones, rewards and policy, those of format 2 nothing of idle costs
+    and gradients of pellets: these become the defaults.
     """
     source = Path(path)
     try:
@@ -126,7 +137,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
             _require(source, ("format",), file.files)
             number = _whole(source, "format", np.asarray(file["format"]))
             if number not in _FIELDS:
-                raise _refused(source, "format", number, f"are {' and '.join(map(str, _FIELDS))}")
+                raise _refused(source, "format", number, f"are {', '.join(map(str, _FIELDS))}")
             _require(source, _FIELDS[number], file.files)
             values = {name: np.asarray(file[name]) for name in _FIELDS[number]}
     except InputError:
@@ -156,7 +167,7 @@ def _checked(source: Path, values: _Values) -> Trajectory:
         return first
     policy = _text(source, "policy", values)
     _check_policy(source, policy)
-    return replace(
+    second = replace(
         first,
         pheromone=_pheromone(source, values["pheromone"]),
         reward=_choice(source, "reward", values, REWARD_KINDS),
@@ -164,6 +175,23 @@ def _checked(source: Path, values: _Values) -> Trajectory:
         signed_progress=_choice(source, "signed_progress", values, (False, True)),
         policy=policy,
     )
+    if "idle_cost" not in values:
+        return second
+    return replace(
+        second,
+        idle_cost=_choice(source, "idle_cost", values, (False, True)),
+        pellet_gradient=_gradient(source, values["pellet_gradient"]),
+    )
+
+
+def _gradient(source: Path, value: NDArray[np.generic]) -> float:
+    allowed = f"is one number from 0 to {MAX_PELLET_GRADIENT:g}"
+    if value.shape != () or value.dtype != np.float64:
+        raise _refused(source, "pellet_gradient", _described(value), allowed)
+    number = float(value)
+    if not 0.0 <= number <= MAX_PELLET_GRADIENT:
+        raise _refused(source, "pellet_gradient", number, allowed)
+    return number
 
 
 def _whole(source: Path, name: str, value: NDArray[np.generic]) -> int:

@@ -19,7 +19,7 @@ from robosim.discretise.observation import ENCODINGS, Encoding, ObservationLayou
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import REWARD_KINDS, RewardConfig, RewardKind, Sharing
 from robosim.envs.frame import Frame
-from robosim.envs.trajectory import Trajectory
+from robosim.envs.trajectory import MAX_PELLET_GRADIENT, Trajectory
 from robosim.errors import InputError
 from robosim.robot.drivers import ACTION_KINDS, NUM_ACTIONS, ActionKind
 from robosim.world.physics import PhysicsWorld
@@ -79,6 +79,8 @@ class VectorEnv:
         reward: RewardKind = "global",
         sharing: Sharing = "copied",
         signed_progress: bool = False,
+        idle_cost: bool = False,
+        pellet_gradient: float = 0.0,
         episode_steps: int | None = None,
         pheromone: PheromoneConfig | None = None,
         autoreset: bool = True,
@@ -86,9 +88,9 @@ class VectorEnv:
         """Read the arena and set up its worlds; nothing runs before `reset`.
 
         `arena` is a name, a file or an arena already read; `seed` one number from which each
-        environment gets its own, or one number for each environment; `reward`, `sharing` and
-        `signed_progress` are explained in `RewardConfig`; `episode_steps` replaces the arena's length of
-        an episode.
+        environment gets its own, or one number for each environment; `reward`, `sharing`,
+        `signed_progress` and `idle_cost` are explained in `RewardConfig`, `pellet_gradient` in
+        `draw_pellets`; `episode_steps` replaces the arena's length of an episode.
         Raises InputError for values out of range.
         """
         self.arena = arena if isinstance(arena, Arena) else load_arena(arena)
@@ -104,14 +106,18 @@ class VectorEnv:
         _flag("stigmergy", stigmergy)
         _flag("autoreset", autoreset)
         _flag("signed_progress", signed_progress)
+        _flag("idle_cost", idle_cost)
         self.pheromone = pheromone or PheromoneConfig()
         """Constants of the pheromone map."""
         self.layout = ObservationLayout(encoding, stigmergy, actions, self.pheromone.radius)
         self.autoreset = autoreset
         self.seeds = self.seeds_from(seed)
-        self.reward_config = RewardConfig(kind=reward, sharing=sharing, signed_progress=signed_progress)
+        self.reward_config = RewardConfig(
+            kind=reward, sharing=sharing, signed_progress=signed_progress, idle_cost=idle_cost
+        )
         """What a decision pays."""
-        self._world = PhysicsWorld(self.arena, self.robots, self.num_envs, actions)
+        gradient = _number("pellet_gradient", pellet_gradient, 0.0, MAX_PELLET_GRADIENT)
+        self._world = PhysicsWorld(self.arena, self.robots, self.num_envs, actions, gradient)
         self._dec = DecPomdp(
             self.arena,
             self.robots,
@@ -268,6 +274,8 @@ class VectorEnv:
             reward=self.reward_config.kind,
             sharing=self.reward_config.sharing,
             signed_progress=self.reward_config.signed_progress,
+            idle_cost=self.reward_config.idle_cost,
+            pellet_gradient=self._world.pellet_gradient,
             policy=policy,
         )
 
@@ -310,6 +318,13 @@ def _integer(name: str, value: object, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
         raise InputError(f"{name}: {value!r} is not allowed; allowed are whole numbers from {low} to {high}.")
     return int(value)
+
+
+def _number(name: str, value: object, low: float, high: float) -> float:
+    is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high:  # type: ignore[operator]
+        raise InputError(f"{name}: {value!r} is not allowed; allowed are numbers from {low:g} to {high:g}.")
+    return float(value)  # type: ignore[arg-type]
 
 
 def _flag(name: str, value: object) -> None:

@@ -48,6 +48,8 @@ class TrainConfig:
     """The share of the difference that flows between neighbouring cells in a decision."""
     pheromone_radius: int = 2
     """Field of view: robots read the pheromones up to so many rows and columns away."""
+    pellet_gradient: float = 8.0
+    """How unevenly pellets lie as training episodes begin, as they do after long digging; 0 for evenly."""
     episode_steps: int = 1250
     """Decisions in a training episode; 0 for as many as the arena says."""
     learning_rate: float = 1e-3
@@ -169,6 +171,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "steps": (1, 10**10),
     "seed": (0, 2**63 - 1),
     "num_envs": (1, 10_000),
+    "pellet_gradient": (0.0, 50.0),
     "episode_steps": (0, 10**9),
     "learning_rate": (1e-8, 1.0),
     "learning_rate_end": (0.0, 1.0),

@@ -20,6 +20,9 @@ class Technique:
     """Newcomers join one at a time, while the robots before them stay frozen."""
     signed_progress: bool = False
     """Losing ground costs what gaining it pays; the paper pays for gains alone, so going to and fro pays."""
+    idle_cost: bool = False
+    """A decision without making way costs what one at top speed pays; the paper fines robots that meet, but
+    not those that then wait for each other for ever."""
     parameter_sharing: bool = False
     """All robots act by one network, which learns from what each of them does (Gupta 2017)."""
     normalised: bool = False
@@ -55,6 +58,7 @@ TECHNIQUES = {
             stigmergy=True,
             curriculum=False,
             signed_progress=True,
+            idle_cost=True,
             parameter_sharing=True,
             normalised=True,
             action_mask=True,

@@ -246,7 +246,8 @@ def make_env(
 ) -> VectorEnv:
     """Return the environments that a configuration asks for.
 
-    `robots` and `steps` replace its team and its length of an episode, where 0 is the arena's own.
+    `robots` and `steps` replace its team and its length of an episode, where 0 is the arena's own; with
+    `steps`, which is not for training, pellets lie evenly.
     """
     technique = find_technique(config.technique)
     return VectorEnv(
@@ -260,6 +261,8 @@ def make_env(
         reward="global" if technique.global_reward else "local",
         sharing=config.sharing,
         signed_progress=technique.signed_progress,
+        idle_cost=technique.idle_cost,
+        pellet_gradient=config.pellet_gradient if steps is None else 0.0,
         episode_steps=(config.episode_steps if steps is None else steps) or None,
         pheromone=config.pheromone(),
     )

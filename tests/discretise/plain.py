@@ -38,13 +38,23 @@ def mode_of(zone: int, laden: bool, at_pellet: bool) -> int:
 
 
 def reward_of(
-    progress: float, collided: bool, laden: bool, pickups: float, deliveries: float, signed: bool = False
+    progress: float,
+    collided: bool,
+    laden: bool,
+    pickups: float,
+    deliveries: float,
+    idle: bool = False,
+    *,
+    signed: bool = False,
+    idle_cost: bool = False,
 ) -> float:
     """r = w_d r_d + w_c r_c + w_p r_p + w_s r_s with the paper's numbers, `progress` in ways at top speed."""
     paid = max(-1.0, min(1.0, progress)) if signed else float(progress > 0.1)
     reward = 0.2 * 2.5 * paid
     if collided and not laden:
         reward += 0.2 * -2.0
+    if idle_cost and idle:
+        reward -= 0.5
     return reward + 0.2 * 50.0 * pickups + 0.4 * 50.0 * deliveries
 
 
@@ -161,8 +171,9 @@ class PlainDecPomdp:
             if robot.blocked:
                 robot.shown = COLLISION
             gain = to_home - robot.to_home if was_laden else to_source - robot.to_source
-            signals = robot.collided, was_laden, pickups[index], deliveries[index]
-            rewards.append(reward_of(gain / (top * period), *signals, self.run.signed_progress))
+            signals = robot.collided, was_laden, pickups[index], deliveries[index], robot.in_place > 0
+            switches = {"signed": self.run.signed_progress, "idle_cost": self.run.idle_cost}
+            rewards.append(reward_of(gain / (top * period), *signals, **switches))
         self.map.update([(robot.cell, robot.shown, robot.laden, robot.action) for robot in self.robots])
         return rewards
 

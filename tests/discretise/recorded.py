@@ -71,6 +71,7 @@ class Run:
     reward: str
     sharing: str
     signed_progress: bool
+    idle_cost: bool
     start: Moment
     moments: list[Moment] = field(default_factory=list)
 
@@ -150,7 +151,7 @@ RUNS: dict[str, tuple[Any, int, float, dict[str, Any]]] = {
     ),
     "signed": (
         lambda: parse_arena(TINY, "tiny.toml"), 150, 0.3,
-        {"robots": 3, "reward": "local", "signed_progress": True},
+        {"robots": 3, "reward": "local", "signed_progress": True, "idle_cost": True},
     ),
     "wheels": (lambda: parse_arena(TINY, "tiny.toml"), 150, 0.0, {"robots": 1, "actions": "wheels"}),
     "full house": (lambda: load_arena("paper"), 25, 0.2, {"robots": 35, "stigmergy": False}),
@@ -167,5 +168,6 @@ def recorded(name: str) -> Run:
         "reward": options.get("reward", "global"),
         "sharing": options.get("sharing", "copied"),
         "signed_progress": options.get("signed_progress", False),
+        "idle_cost": options.get("idle_cost", False),
     }
     return _record(env, steps, carelessness, **described)

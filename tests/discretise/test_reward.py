@@ -32,7 +32,14 @@ NONE, ONE = np.array([[0]]), np.array([[1]])
 def test_the_four_signals_have_the_papers_values_and_weights(
     signal: dict[str, np.ndarray], value: float
 ) -> None:
-    nothing = {"progress": STILL, "collided": NO, "laden": NO, "pickups": NONE, "deliveries": NONE}
+    nothing = {
+        "progress": STILL,
+        "collided": NO,
+        "laden": NO,
+        "pickups": NONE,
+        "deliveries": NONE,
+        "idle": YES,
+    }
     assert rewards(RewardConfig(), **(nothing | signal)).tolist() == [[pytest.approx(value)]]
 
 
@@ -40,8 +47,15 @@ def test_signed_progress_pays_by_length_and_to_and_fro_earns_nothing() -> None:
     ways = np.array([[1.0, -1.0, 0.5, -0.25, 0.0, 7.0, -7.0]])
     none, no = np.zeros(ways.shape, dtype=np.int64), np.zeros(ways.shape, dtype=np.bool_)
     config = RewardConfig(signed_progress=True)
-    paid = rewards(config, ways, no, no, none, none)
+    paid = rewards(config, ways, no, no, none, none, no)
     assert paid[0].tolist() == pytest.approx([0.5, -0.5, 0.25, -0.125, 0.0, 0.5, -0.5])
+
+
+def test_idle_cost_charges_a_decision_without_way_what_top_speed_pays() -> None:
+    none, no = np.zeros((1, 2), dtype=np.int64), np.zeros((1, 2), dtype=np.bool_)
+    still, idle = np.zeros((1, 2)), np.array([[True, False]])
+    for config, paid in ((RewardConfig(idle_cost=True), [-0.5, 0.0]), (RewardConfig(), [0.0, 0.0])):
+        assert rewards(config, still, no, no, none, none, idle)[0].tolist() == pytest.approx(paid)
 
 
 @given(
@@ -49,18 +63,23 @@ def test_signed_progress_pays_by_length_and_to_and_fro_earns_nothing() -> None:
     st.sampled_from(["local", "global"]),
     st.sampled_from(["copied", "split"]),
     st.booleans(),
+    st.booleans(),
 )
 def test_a_batch_is_what_loops_say(
-    seed: int, kind: Literal["local", "global"], sharing: Literal["copied", "split"], signed: bool
+    seed: int,
+    kind: Literal["local", "global"],
+    sharing: Literal["copied", "split"],
+    signed: bool,
+    idle_cost: bool,
 ) -> None:
     rng = np.random.default_rng(seed)
     envs, robots = 3, int(rng.integers(1, 9))
     progress = rng.normal(0.0, 0.5, (envs, robots))
-    collided, laden = rng.random((2, envs, robots)) < 0.5
+    collided, laden, idle = rng.random((3, envs, robots)) < 0.5
     pickups = rng.integers(0, 2, (envs, robots))
     deliveries = rng.integers(0, 4, (envs, robots))
-    config = RewardConfig(kind=kind, sharing=sharing, signed_progress=signed)
-    got = rewards(config, progress, collided, laden, pickups, deliveries)
+    config = RewardConfig(kind=kind, sharing=sharing, signed_progress=signed, idle_cost=idle_cost)
+    got = rewards(config, progress, collided, laden, pickups, deliveries, idle)
     for env in range(envs):
         for robot in range(robots):
             if kind == "local":
@@ -70,7 +89,8 @@ def test_a_batch_is_what_loops_say(
                 picked = sum(pickups[env].tolist()) / divisor
                 dumped = sum(deliveries[env].tolist()) / divisor
             alone = progress[env, robot], collided[env, robot], laden[env, robot]
-            assert got[env, robot] == pytest.approx(reward_of(*alone, picked, dumped, signed), abs=1e-12)
+            expected = reward_of(*alone, picked, dumped, idle[env, robot], signed=signed, idle_cost=idle_cost)
+            assert got[env, robot] == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_shared_reward_stays_within_its_environment() -> None:
@@ -78,11 +98,11 @@ def test_a_shared_reward_stays_within_its_environment() -> None:
     no = np.zeros((2, 3), dtype=np.bool_)
     none = np.zeros((2, 3), dtype=np.int64)
     still = np.zeros((2, 3))
-    copied = rewards(RewardConfig(kind="global", sharing="copied"), still, no, no, pickups, none)
+    copied = rewards(RewardConfig(kind="global", sharing="copied"), still, no, no, pickups, none, no)
     assert copied.tolist() == [[10.0, 10.0, 10.0], [0.0, 0.0, 0.0]]
-    split = rewards(RewardConfig(kind="global", sharing="split"), still, no, no, pickups, none)
+    split = rewards(RewardConfig(kind="global", sharing="split"), still, no, no, pickups, none, no)
     assert split.tolist() == [[10.0 / 3] * 3, [0.0] * 3]
-    local = rewards(RewardConfig(kind="local"), still, no, no, pickups, none)
+    local = rewards(RewardConfig(kind="local"), still, no, no, pickups, none, no)
     assert local.tolist() == [[10.0, 0.0, 0.0], [0.0] * 3]
 
 

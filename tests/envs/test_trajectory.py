@@ -127,6 +127,8 @@ def trajectory(**changes) -> Trajectory:
         "reward": "local",
         "sharing": "split",
         "signed_progress": True,
+        "idle_cost": True,
+        "pellet_gradient": 3.5,
         "policy": "lanes, by hand: \u00fcber 8",
     }
     return Trajectory(**(fields | changes))
@@ -146,7 +148,7 @@ def test_a_file_gives_back_what_was_saved(tmp_path: Path) -> None:
 def test_a_file_of_the_first_format_is_read_with_defaults(tmp_path: Path) -> None:
     names = ("arena", "actions", "seed", "episode", "chosen")
     path = tmp_path / "first.npz"
-    written(path, format=np.int64(1), **dict.fromkeys(LATER))
+    written(path, format=np.int64(1), **dict.fromkeys(LATER + LATEST))
     with np.load(path) as file:
         assert sorted(file.files) == sorted(("format", *names))
     loaded = load_trajectory(path)
@@ -154,6 +156,14 @@ def test_a_file_of_the_first_format_is_read_with_defaults(tmp_path: Path) -> Non
     assert loaded.pheromone == PheromoneConfig()
     assert (loaded.reward, loaded.sharing, loaded.signed_progress) == ("global", "copied", False)
     assert loaded.policy == ""
+    assert (loaded.idle_cost, loaded.pellet_gradient) == (False, 0.0)
+
+
+def test_a_file_of_the_second_format_is_read_with_defaults(tmp_path: Path) -> None:
+    path = written(tmp_path / "second.npz", format=np.int64(2), **dict.fromkeys(LATEST))
+    loaded = load_trajectory(path)
+    assert (loaded.signed_progress, loaded.policy) == (True, "lanes")
+    assert (loaded.idle_cost, loaded.pellet_gradient) == (False, 0.0)
 
 
 def test_what_the_environment_was_set_to_is_in_its_trajectory_and_replay() -> None:
@@ -166,19 +176,24 @@ def test_what_the_environment_was_set_to_is_in_its_trajectory_and_replay() -> No
         reward="local",
         sharing="split",
         signed_progress=True,
+        idle_cost=True,
+        pellet_gradient=6.0,
         stigmergy=False,
     )
     env.reset()
     rng = np.random.default_rng(1)
-    seen = [(env.frame().reward.tobytes(), env.frame().pheromone.tobytes())]
+    seen = [(env.frame().reward.tobytes(), env.frame().pheromone.tobytes(), env.frame().pellets.tobytes())]
     for _ in range(30):
         env.step(rng.integers(0, 5, (1, 3)))
-        seen.append((env.frame().reward.tobytes(), env.frame().pheromone.tobytes()))
+        frame = env.frame()
+        seen.append((frame.reward.tobytes(), frame.pheromone.tobytes(), frame.pellets.tobytes()))
     trajectory = env.trajectory(policy="dice")
     assert trajectory.pheromone == pheromone
     assert (trajectory.reward, trajectory.sharing, trajectory.signed_progress) == ("local", "split", True)
+    assert (trajectory.idle_cost, trajectory.pellet_gradient) == (True, 6.0)
     assert (trajectory.policy, env.trajectory().policy) == ("dice", "")
-    assert [(frame.reward.tobytes(), frame.pheromone.tobytes()) for frame in replay(trajectory)] == seen
+    again = [(f.reward.tobytes(), f.pheromone.tobytes(), f.pellets.tobytes()) for f in replay(trajectory)]
+    assert again == seen
 
 
 @pytest.mark.parametrize(
@@ -226,6 +241,8 @@ def test_what_cannot_be_run_again_is_one_sentence() -> None:
 
 LATER = ("pheromone", "reward", "sharing", "signed_progress", "policy")
 """What the first format knew nothing of."""
+LATEST = ("idle_cost", "pellet_gradient")
+"""What the second knew nothing of."""
 
 
 def text(characters: bytes) -> np.ndarray:
@@ -234,7 +251,7 @@ def text(characters: bytes) -> np.ndarray:
 
 def written(path: Path, **changes) -> Path:
     fields = {
-        "format": np.int64(2),
+        "format": np.int64(3),
         "arena": text(b"text"),
         "actions": np.int64(0),
         "seed": np.uint64(3),
@@ -244,6 +261,8 @@ def written(path: Path, **changes) -> Path:
         "reward": np.int64(0),
         "sharing": np.int64(1),
         "signed_progress": np.int64(1),
+        "idle_cost": np.int64(1),
+        "pellet_gradient": np.float64(8.0),
         "policy": text(b"lanes"),
     } | changes
     with path.open("wb") as file:
@@ -251,6 +270,7 @@ def written(path: Path, **changes) -> Path:
     return path
 
 
+GRADIENT = "is not allowed; allowed is one number from 0 to 50."
 WHOLE = "is not allowed; allowed is one whole number from 0."
 BYTES = "is not allowed; allowed are bytes [decisions, robots] from 0 to 4."
 LINE = "is not allowed; allowed is one line of at most 4096 printable characters."
@@ -263,8 +283,8 @@ CONSTANTS = "is not allowed; allowed is float64 [5]: decay, reinforcement, initi
         ({"format": None}, "is no trajectory; it lacks format."),
         ({"seed": None}, "is no trajectory; it lacks seed."),
         ({"seed": None, "policy": None}, "is no trajectory; it lacks seed, policy."),
-        ({"format": np.int64(9)}, "format: 9 is not allowed; allowed are 1 and 2."),
-        ({"format": np.int64(0)}, "format: 0 is not allowed; allowed are 1 and 2."),
+        ({"format": np.int64(9)}, "format: 9 is not allowed; allowed are 1, 2, 3."),
+        ({"format": np.int64(0)}, "format: 0 is not allowed; allowed are 1, 2, 3."),
         ({"format": np.float64(1)}, f"format: 1.0 {WHOLE}"),
         ({"format": text(b"2")}, f"format: uint8 [1] {WHOLE}"),
         ({"seed": np.int64(-1)}, f"seed: -1 {WHOLE}"),
@@ -288,6 +308,11 @@ CONSTANTS = "is not allowed; allowed is float64 [5]: decay, reinforcement, initi
             "signed_progress: 2 is not allowed; allowed are 0 (False) and 1 (True).",
         ),
         ({"signed_progress": np.bool_(True)}, f"signed_progress: True {WHOLE}"),
+        ({"idle_cost": np.int64(2)}, "idle_cost: 2 is not allowed; allowed are 0 (False) and 1 (True)."),
+        ({"pellet_gradient": np.float64(50.5)}, f"pellet_gradient: 50.5 {GRADIENT}"),
+        ({"pellet_gradient": np.float64(np.nan)}, f"pellet_gradient: nan {GRADIENT}"),
+        ({"pellet_gradient": np.int64(3)}, f"pellet_gradient: 3 {GRADIENT}"),
+        ({"pellet_gradient": None}, "is no trajectory; it lacks pellet_gradient."),
         ({"pheromone": np.zeros(4)}, f"pheromone: float64 [4] {CONSTANTS}"),
         ({"pheromone": np.zeros(5, dtype=np.float32)}, f"pheromone: float32 [5] {CONSTANTS}"),
         (

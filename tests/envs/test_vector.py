@@ -1,3 +1,4 @@
+import math
 from typing import Any
 
 import numpy as np
@@ -304,6 +305,17 @@ def test_as_many_robots_as_fit_and_one_alone_both_run() -> None:
         ({"robots": None}, "robots: None is not allowed; allowed are whole numbers from 1 to 35."),
         ({"num_envs": 0}, "num_envs: 0 is not allowed; allowed are whole numbers from 1 to 4096."),
         ({"num_envs": 5000}, "num_envs: 5000 is not allowed; allowed are whole numbers from 1 to 4096."),
+        ({"pellet_gradient": -1}, "pellet_gradient: -1 is not allowed; allowed are numbers from 0 to 50."),
+        (
+            {"pellet_gradient": math.nan},
+            "pellet_gradient: nan is not allowed; allowed are numbers from 0 to 50.",
+        ),
+        (
+            {"pellet_gradient": True},
+            "pellet_gradient: True is not allowed; allowed are numbers from 0 to 50.",
+        ),
+        ({"pellet_gradient": "8"}, "pellet_gradient: '8' is not allowed; allowed are numbers from 0 to 50."),
+        ({"idle_cost": 1}, "idle_cost: 1 is not allowed; allowed are True and False."),
         ({"num_envs": 1.5}, "num_envs: 1.5 is not allowed; allowed are whole numbers from 1 to 4096."),
         ({"seed": -1}, f"seed: -1 is not allowed; {SEEDS}"),
         ({"seed": 2**64}, f"seed: 18446744073709551616 is not allowed; {SEEDS}"),

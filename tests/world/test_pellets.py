@@ -4,8 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
+from robosim.arena import load_arena
 from robosim.robot.sheet import GRAVITY
+from robosim.world.physics.world import draw_pellets
 from robosim.world.state import Gripper, PelletStatus
 
 FORWARD, BACK, LEFT, STOP = 0, 1, 2, 4
@@ -266,3 +269,28 @@ def test_a_pellet_cannot_be_pushed_into_a_wall(bench) -> None:
     print(f"pellet squeezed: {1000 * overlap:.3f} mm into the wall, {1000 * squeezed:.3f} mm into the robot")
     assert overlap < 1e-3
     assert squeezed < 1e-3
+
+
+def test_pellets_begin_evenly_or_densely_toward_one_side() -> None:
+    arena = load_arena("paper")
+    places = arena.pellet_places
+    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    lopsided = []
+    for gradient in (0.0, 8.0):
+        shares = []
+        for seed in range(200):
+            drawn = draw_pellets(arena, np.random.default_rng(seed), gradient)
+            known = {tuple(place) for place in places.tolist()}
+            assert len({tuple(place) for place in drawn.tolist()} & known) == arena.pellets.count
+            shares.append((drawn > middle).mean(axis=0))
+        # As dense on the left as on the right, over many episodes.
+        assert np.mean(shares, axis=0) == pytest.approx((places > middle).mean(axis=0), abs=0.05)
+        lopsided.append(np.abs(np.array(shares) - 0.5).max(axis=1).mean())
+    assert lopsided[0] < 0.15 < 0.25 < lopsided[1]
+
+
+def test_an_even_beginning_is_the_draw_that_it_always_was() -> None:
+    arena = load_arena("paper")
+    order = np.random.default_rng(5).permutation(len(arena.pellet_places))
+    expected = arena.pellet_places[np.sort(order[: arena.pellets.count])]
+    assert_array_equal(draw_pellets(arena, np.random.default_rng(5), 0.0), expected)

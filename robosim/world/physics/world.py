@@ -33,12 +33,16 @@ OPEN, TAKE = np.int8(Gripper.OPEN), np.int8(Gripper.TAKE)
 class PhysicsWorld:
     """Robots and pellets as rigid bodies; robots move only by wheel commands within their data sheet."""
 
-    def __init__(self, arena: Arena, robots: int, num_envs: int, actions: ActionKind) -> None:
+    def __init__(
+        self, arena: Arena, robots: int, num_envs: int, actions: ActionKind, pellet_gradient: float = 0.0
+    ) -> None:
+        """`pellet_gradient` is explained in `draw_pellets`."""
         if robots > arena.capacity:
             raise InputError(
                 f"robots: {robots} do not fit the arena {arena.name!r}; allowed are 1 to {arena.capacity}."
             )
         self.arena = arena
+        self.pellet_gradient = pellet_gradient
         self.robots = robots
         self.num_envs = num_envs
         sheet, timing = arena.robot, arena.timing
@@ -118,7 +122,7 @@ class PhysicsWorld:
         Environments are first reset in their order.
         """
         rng = np.random.default_rng(seed)
-        draws, speed_factor = draw_episode(self.arena, self.robots, rng)
+        draws, speed_factor = draw_episode(self.arena, self.robots, rng, self.pellet_gradient)
         self._commands[env] = 0.0
         space = EpisodeSpace(self.arena, draws, self._commands[env])
         if env == len(self._spaces):
@@ -376,7 +380,28 @@ class PhysicsWorld:
         return None
 
 
-def draw_episode(arena: Arena, robots: int, rng: np.random.Generator) -> tuple[Draws, Floats]:
+def draw_pellets(arena: Arena, rng: np.random.Generator, gradient: float) -> Floats:
+    """Draw the places [count, 2] in m where pellets lie as an episode begins.
+
+    With `gradient` 0 all places are alike. Otherwise they lie more densely toward one side of the source,
+    as they do once robots have dug for long: by a factor e ** strength from side to side, in a direction
+    and of a strength up to `gradient` that are drawn first.
+    """
+    places, count = arena.pellet_places, arena.pellets.count
+    if gradient == 0.0:
+        order = rng.permutation(len(places))
+    else:
+        angle, strength = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.0, gradient)
+        low, span = places.min(axis=0), np.maximum(np.ptp(places, axis=0), arena.cell_size)
+        along = ((places - low) / span) @ np.array([np.cos(angle), np.sin(angle)])
+        # Whoever's exponential waiting time is over first is drawn first: in proportion to the density.
+        order = np.argsort(rng.exponential(size=len(places)) * np.exp(-strength * along), kind="stable")
+    return np.asarray(places[np.sort(order[:count])])
+
+
+def draw_episode(
+    arena: Arena, robots: int, rng: np.random.Generator, pellet_gradient: float = 0.0
+) -> tuple[Draws, Floats]:
     """Draw what is random in an episode; also returns the factors of the robots' top wheel speed [robots]."""
     if arena.start.poses:
         pose = np.array(arena.start.poses[:robots])
@@ -386,7 +411,7 @@ def draw_episode(arena: Arena, robots: int, rng: np.random.Generator) -> tuple[D
         heading = rng.uniform(-np.pi, np.pi, robots)
         pose = np.concatenate([arena.start_places[chosen], heading[:, None]], axis=1)
     count = arena.pellets.count
-    places = arena.pellet_places[np.sort(rng.permutation(len(arena.pellet_places))[:count])]
+    places = draw_pellets(arena, rng, pellet_gradient)
     ranges: Randomisation = arena.randomisation
     draws = Draws(
         robot_pose=pose,
