@@ -26,8 +26,8 @@ class TrainConfig:
     """Arena by name, or the path of its file."""
     robots: int = 2
     """Size of the team."""
-    technique: str = "iql+s"
-    """iql, iql+g, iql+gs and smadrl as in the paper; iql+s and iql+sc without the global reward."""
+    technique: str = "ps-dqn"
+    """iql, iql+g, iql+gs and smadrl as in the paper; iql+s, iql+sc and ps-dqn are ours."""
     steps: int = 30_000
     """Joint decisions in total, summed over environments and over the stages of a curriculum."""
     seed: int = 0
