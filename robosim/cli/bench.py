@@ -64,7 +64,12 @@ def _measure_decisions(decisions: int) -> list[dict[str, Any]]:
 
 
 def _measure_updates(updates: int) -> dict[str, Any]:
-    from robosim.learning.benchmark import TEAM, compare_with_stable_baselines3, measure_updates
+    from robosim.learning.benchmark import (
+        TEAM,
+        compare_with_stable_baselines3,
+        measure_one_for_all,
+        measure_updates,
+    )
 
     widths = "-".join(map(str, (TEAM.inputs, *TEAM.hidden, TEAM.outputs)))
     print()
@@ -78,6 +83,11 @@ def _measure_updates(updates: int) -> dict[str, Any]:
             f"{cost.products_seconds * 1e6:14.0f}{cost.ratio:18.2f}{cost.team_share:27.2f}",
             flush=True,
         )
+    one = measure_one_for_all(updates)
+    print(
+        f"one network for all of them, normalised and masked, batch {one.batch_size}: "
+        f"{one.seconds * 1e6:.0f} us, {one.ratio:.2f} times its products"
+    )
     other = compare_with_stable_baselines3(updates)
     if other is None:
         print("stable-baselines3 is not installed: no comparison with its DQN")
@@ -87,4 +97,8 @@ def _measure_updates(updates: int) -> dict[str, Any]:
             f"{other.ratio:.1f} times the {other.other_updates_per_second:.0f} of DQN in "
             f"stable-baselines3 {other.version}"
         )
-    return {"updates": records, "stable_baselines3": other and other.as_record()}
+    return {
+        "updates": records,
+        "one_for_all": one.as_record(),
+        "stable_baselines3": other and other.as_record(),
+    }

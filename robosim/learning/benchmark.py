@@ -16,6 +16,8 @@ from robosim.learning.dqn import DqnSettings, Precision, StackedDoubleDQN, has_b
 from robosim.learning.networks import NetworkShape
 
 TEAM = NetworkShape(robots=8, inputs=90, hidden=(128, 128, 128), outputs=5)
+ONE_FOR_ALL = NetworkShape(robots=1, inputs=90, hidden=(128, 128, 128), outputs=5, normalised=True)
+"""What the same team learns with under `ps-dqn`."""
 BATCH_SIZES = (64, 512)
 TRANSITIONS = 20_000
 """Held in each robot's replay."""
@@ -106,6 +108,15 @@ def measure_updates(
             yield UpdateCost(team.robots, batch_size, precision, *seconds[3 * case : 3 * case + 3])
 
 
+def measure_one_for_all(
+    updates: int, network: NetworkShape = ONE_FOR_ALL, batch_size: int = TEAM.robots * BATCH_SIZES[0]
+) -> UpdateCost:
+    """Return the cost of an update of `ps-dqn`: one network, normalised, with closed ways masked."""
+    update = full_update(network, batch_size, progress=(0, 4))
+    seconds, products = time_in_turns([update, bare_products(network, batch_size)], updates)
+    return UpdateCost(network.robots, batch_size, "float32", seconds, products, seconds)
+
+
 def compare_with_stable_baselines3(
     updates: int, team: NetworkShape = TEAM, batch_size: int = BATCH_SIZES[0]
 ) -> Comparison | None:
@@ -158,14 +169,20 @@ def bare_products(shape: NetworkShape, batch_size: int, precision: Precision = "
     return run
 
 
-def full_update(shape: NetworkShape, batch_size: int, precision: Precision = "float32") -> Work:
-    """Return the update of a learner whose replay is filled."""
+def full_update(
+    shape: NetworkShape,
+    batch_size: int,
+    precision: Precision = "float32",
+    progress: tuple[int, int] | None = None,
+) -> Work:
+    """Return the update of a learner whose replay is filled; `progress` as in `DqnSettings`."""
     settings = DqnSettings(
         discount=0.99,
         batch_size=batch_size,
         target_interval=500,
         replay_capacity=TRANSITIONS,
         reward_scale=0.1,
+        progress=progress,
     )
     learner = StackedDoubleDQN(shape, settings, np.random.SeedSequence(0), precision=precision)
     rng = np.random.default_rng(1)

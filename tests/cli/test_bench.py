@@ -33,8 +33,11 @@ def test_prints_and_writes_both_tables_without_stable_baselines3(
     assert len(record["cases"]) == 12
     assert {cost["batch_size"] for cost in record["learner"]["updates"]} == {64, 512}
     assert record["learner"]["stable_baselines3"] is None
+    one = record["learner"]["one_for_all"]
+    assert (one["robots"], one["batch_size"]) == (1, 512)
     printed = capsys.readouterr().out
     for cost in record["learner"]["updates"]:
         row = f"{cost['batch_size']:5d}   {cost['precision']}"
         assert any(line.startswith(row) and f"{cost['ratio']:.2f}" in line for line in printed.splitlines())
+    assert f"batch 512: {one['seconds'] * 1e6:.0f} us, {one['ratio']:.2f} times its products" in printed
     assert "stable-baselines3 is not installed" in printed

@@ -11,6 +11,7 @@ from robosim.learning.benchmark import (
     UpdateCost,
     bare_products,
     compare_with_stable_baselines3,
+    measure_one_for_all,
     measure_updates,
     time_in_turns,
 )
@@ -42,6 +43,12 @@ def test_every_batch_size_is_measured_in_every_precision_there_is():
         assert cost.robots == 2
         assert cost.seconds > cost.products_seconds > 0.0
         assert cost.single_seconds > 0.0
+
+
+def test_one_network_for_all_is_measured_as_ps_dqn_learns():
+    cost = measure_one_for_all(1, replace(SMALL, robots=1, normalised=True), 8)
+    assert (cost.robots, cost.batch_size, cost.precision) == (1, 8, "float32")
+    assert cost.seconds > cost.products_seconds > 0.0
 
 
 def test_all_that_is_compared_is_called_in_turns_and_equally_often():

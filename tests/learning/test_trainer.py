@@ -21,8 +21,8 @@ from robosim.learning.trainer import prepare_folder, resume, train
 from robosim.learning.training import make_learner
 
 WALK = TrainConfig(
-    technique="iql+s", steps=3000, num_envs=2, learning_rate=1e-3, discount=0.9, hidden=(32, 32, 32), warmup=200,
-    exploration=0.5, target_interval=100, reward_scale=1.0,
+    technique="iql+s", steps=3000, num_envs=2, learning_rate=1e-3, discount=0.9, hidden=(32, 32, 32),
+    warmup=200, exploration=0.5, target_interval=100, reward_scale=1.0,
 )  # fmt: skip
 SHORT = TrainConfig(
     technique="iql+s",
