@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.shipped import shipped_folder
 from robosim.control.card import PolicyCard, card_text, read_card, read_limited
-from robosim.discretise.observation import closed_ways, progress_columns
+from robosim.discretise.observation import mask_closed_ways, progress_columns
 from robosim.errors import InputError, nearest_names
 
 WEIGHTS_FILE = "policy.safetensors"
@@ -97,9 +97,7 @@ class Policy:
                 hidden /= np.sqrt(square + np.float32(LEAST_SQUARE))
         values = (hidden @ self._weights[-1] + self._biases[-1]).swapaxes(0, 1)
         values = values.reshape(*inputs.shape[:-1], self.card.num_actions)
-        if self._progress is not None:
-            values[..., :4][closed_ways(inputs, self._progress)] = -np.inf
-        return values
+        return mask_closed_ways(values, inputs, self._progress)
 
     def _checked(self, observation: ArrayLike) -> NDArray[np.float32]:
         size = len(self.card.observation.names)

@@ -107,6 +107,18 @@ def closed_ways(observation: NDArray[np.float32], columns: tuple[int, int]) -> N
     return np.asarray(closed)
 
 
+def mask_closed_ways(
+    values: NDArray[np.float32], observation: NDArray[np.float32], columns: tuple[int, int] | None
+) -> NDArray[np.float32]:
+    """Set the values [..., actions] of closed ways to minus infinity, in place, and return them.
+
+    `observation` is [..., size]; `columns` come from `progress_columns`, and without them all ways are open.
+    """
+    if columns is not None:
+        values[..., :4][closed_ways(observation, columns)] = -np.inf
+    return values
+
+
 @dataclass(frozen=True, slots=True)
 class OwnState:
     """What the encodings are made of; arrays are [envs, robots] unless said otherwise."""

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from robosim.discretise.observation import closed_ways
+from robosim.discretise.observation import mask_closed_ways
 from robosim.errors import InputError
 from robosim.learning.networks import (
     CPU,
@@ -113,9 +113,7 @@ class StackedDoubleDQN:
         drawn = self._explore.integers(self.shape.outputs, size=shape)
         if explores.all():
             return drawn
-        values = self.values(observation)
-        if self.settings.progress is not None:
-            values[..., :4][closed_ways(observation, self.settings.progress)] = -np.inf
+        values = mask_closed_ways(self.values(observation), observation, self.settings.progress)
         return np.where(explores, drawn, values.argmax(axis=-1))
 
     def update(self, learning_rate: float) -> None:

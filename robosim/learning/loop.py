@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from robosim.discretise.observation import mask_closed_ways
 from robosim.envs.vector import Transition
 from robosim.learning.config import TrainConfig
 from robosim.learning.curriculum import Stage
@@ -52,16 +53,20 @@ def as_one_robot(array: NDArray[Any]) -> NDArray[Any]:
 class FrozenTeam:
     """Robots that act by what they have learned, without exploration, and learn no more."""
 
-    def __init__(self, shape: NetworkShape, weights: Weights) -> None:
-        """`shape` says how many robots there are; `weights` are theirs."""
+    def __init__(
+        self, shape: NetworkShape, weights: Weights, progress: tuple[int, int] | None = None
+    ) -> None:
+        """`shape` says how many robots there are; `weights` are theirs, `progress` as in `DqnSettings`."""
         self.robots = shape.robots
+        self._progress = progress
         parameters = Parameters(shape)
         parameters.load(weights)
         self._values = ActionValues(parameters)
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.int64]:
         """Return actions [envs, robots] for `observation` [envs, robots, size]."""
-        return np.asarray(self._values(observation).argmax(axis=2), dtype=np.int64)
+        values = mask_closed_ways(self._values(observation), observation, self._progress)
+        return np.asarray(values.argmax(axis=2), dtype=np.int64)
 
 
 class StageLoop:

@@ -112,7 +112,8 @@ class Training:
         self.learner = make_learner(config, stage.learning, self.env, seed, budget)
         frozen = None
         if stage.frozen:
-            frozen = FrozenTeam(replace(self.learner.shape, robots=stage.frozen), self._team)
+            shape = replace(self.learner.shape, robots=stage.frozen)
+            frozen = FrozenTeam(shape, self._team, self.learner.settings.progress)
             if not stage.explores:
                 # A newcomer that copies takes after the robot before it.
                 self.learner.load_parameters(robots_of(self._team, stage.frozen - 1, stage.frozen))

@@ -15,10 +15,11 @@ from robosim.errors import InputError
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint, write_checkpoint
 from robosim.learning.config import TrainConfig, read_config, write_config
 from robosim.learning.curriculum import Stage
-from robosim.learning.loop import StageLoop
+from robosim.learning.loop import FrozenTeam, StageLoop
 from robosim.learning.metrics import MetricsLog, read_metrics
+from robosim.learning.technique import TECHNIQUES, find_technique
 from robosim.learning.trainer import prepare_folder, resume, train
-from robosim.learning.training import make_learner
+from robosim.learning.training import Training, make_learner
 
 WALK = TrainConfig(
     technique="iql+s", steps=3000, num_envs=2, learning_rate=1e-3, discount=0.9, hidden=(32, 32, 32),
@@ -159,6 +160,32 @@ def test_frozen_robots_keep_their_bits(tmp_path):
     tuned = load_policy(tmp_path / "tuned").weights()
     for name, array in first.items():
         assert (array != tuned[name][:2]).mean() > 0.2
+
+
+@pytest.mark.parametrize("switches", [{}, {"action_mask": True}, {"normalised": True, "action_mask": True}])
+def test_frozen_robots_act_as_their_policy_does(tmp_path, monkeypatch, switches):
+    technique = replace(find_technique("iql+sc"), name="mine", **switches)
+    monkeypatch.setitem(TECHNIQUES, "mine", technique)
+    config = replace(SHORT, technique="mine", robots=3, steps=240, evaluation_episodes=0)
+    training = Training(config)
+    while len(training.ended) < 1:
+        training.advance()
+    run(tmp_path / "two", replace(config, robots=2))
+    policy = load_policy(tmp_path / "two")
+    frozen = FrozenTeam(
+        replace(training.learner.shape, robots=2), policy.weights(), training.learner.settings.progress
+    )
+    observation, acted = training.env.reset(), 0
+    for _ in range(60):
+        actions = frozen.act(observation[:, :2])
+        values = np.sort(policy.values(observation[:, :2]), axis=-1)
+        clear = values[..., -1] - values[..., -2] > 1e-4
+        assert (actions == policy.act(observation[:, :2]))[clear].all()
+        acted += clear.sum()
+        everyone = np.concatenate([actions, np.full((2, 1), 4)], axis=1)
+        observation = training.env.step(everyone).observation
+    assert acted > 60
+    assert (training.learner.settings.progress is not None) == bool(switches)
 
 
 def test_a_newcomer_can_start_as_a_copy_and_a_run_from_a_policy(tmp_path):
