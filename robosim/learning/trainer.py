@@ -33,7 +33,6 @@ from robosim.files import write_whole
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint
 from robosim.learning.config import TrainConfig, read_config, write_config
 from robosim.learning.metrics import Metrics, write_metrics
-from robosim.learning.technique import find_technique
 from robosim.learning.tensorboard import Curves
 from robosim.learning.training import EVALUATION_SEED, Training, make_env
 
@@ -220,7 +219,7 @@ class _Run:
 
     def _card(self) -> PolicyCard:
         training = self._training
-        stages = tuple(training.ended) if find_technique(training.config.technique).curriculum else ()
+        stages = tuple(training.ended) if training.technique.curriculum else ()
         about = TrainingCard(
             command=self._command,
             seed=training.config.seed,
@@ -229,7 +228,7 @@ class _Run:
             versions=_versions(),
             stages=stages,
         )
-        technique = TechniqueCard(**asdict(find_technique(training.config.technique)))
+        technique = TechniqueCard(**asdict(training.technique))
         return card_for(training.env, training.weights(), technique, about)
 
 

@@ -26,9 +26,7 @@ from robosim.learning.dqn import DqnSettings, StackedDoubleDQN
 from robosim.learning.loop import FrozenTeam, StageLoop, Weights
 from robosim.learning.metrics import Metrics, MetricsLog, Sums
 from robosim.learning.networks import NetworkShape
-from robosim.learning.technique import find_technique
-
-_WITH = {True: "with", False: "without"}
+from robosim.learning.technique import Technique, find_technique
 
 EVALUATION_SEED = 2
 """Child of the run's root seed; 0 and 1 serve the first stage, and later ones take two each."""
@@ -45,9 +43,11 @@ class Training:
         """Joint decisions of the run so far."""
         self.ended: list[StageCard] = []
         """The stages that are over."""
+        self.technique = technique_of(config)
+        """What the run learns by; it has the layers and the mask of the policy that it starts from."""
         self._team = starting_team(config)
         """Weights of the robots that have learned in earlier stages."""
-        shared = find_technique(config.technique).parameter_sharing
+        shared = self.technique.parameter_sharing
         self.stages = plan_stages(
             config, config.robots if shared and self._team else count_robots(self._team)
         )
@@ -109,7 +109,7 @@ class Training:
         budget = stage_budget(self.stages, number, max(1, config.steps - self.step))
         self.env = make_env(config, config.num_envs, self.seed(env_seed), robots=stage.robots)
         seed = np.random.SeedSequence(config.seed, spawn_key=(learner_seed,))
-        self.learner = make_learner(config, stage.learning, self.env, seed, budget)
+        self.learner = make_learner(config, stage.learning, self.env, seed, budget, self.technique)
         frozen = None
         if stage.frozen:
             shape = replace(self.learner.shape, robots=stage.frozen)
@@ -196,6 +196,18 @@ class Training:
         self.log.sums = Sums(**facts["sums"])
 
 
+def technique_of(config: TrainConfig) -> Technique:
+    """Return the technique of a run: that of its name, with what the policy to start from needs to act.
+
+    Networks that learned with normalised layers or behind a mask know nothing of acting without.
+    """
+    technique = find_technique(config.technique)
+    if not config.start_from:
+        return technique
+    before = load_policy(config.start_from).card.technique
+    return replace(technique, normalised=before.normalised, action_mask=before.action_mask)
+
+
 def starting_team(config: TrainConfig) -> Weights:
     """Return the weights that a run starts from, empty for none; InputError when they do not fit the run."""
     if not config.start_from:
@@ -207,15 +219,9 @@ def starting_team(config: TrainConfig) -> Weights:
             f"start_from {config.start_from!r} has hidden layers {list(policy.card.network.hidden)}: "
             f"the run's must be the same, not {list(config.hidden)}."
         )
-    technique = find_technique(config.technique)
-    if policy.card.technique.normalised != technique.normalised:
-        raise InputError(
-            f"start_from {config.start_from!r} was trained {_WITH[policy.card.technique.normalised]} "
-            f"normalised layers: technique {config.technique} learns {_WITH[technique.normalised]} them."
-        )
     if robots <= config.robots or policy.card.shared:
         check_fit(policy, make_env(config, 1, 0, robots=min(robots, config.robots)), config.start_from)
-    if not technique.parameter_sharing:
+    if not find_technique(config.technique).parameter_sharing:
         return policy.weights()
     if not policy.card.shared:
         raise InputError(
@@ -270,13 +276,19 @@ def make_env(
 
 
 def make_learner(
-    config: TrainConfig, robots: int, env: VectorEnv, seed: np.random.SeedSequence, steps: int
+    config: TrainConfig,
+    robots: int,
+    env: VectorEnv,
+    seed: np.random.SeedSequence,
+    steps: int,
+    technique: Technique | None = None,
 ) -> StackedDoubleDQN:
     """Return a fresh learner for `robots` robots; InputError when its replay exceeds the memory.
 
-    `steps` is how many joint decisions it will learn from at most.
+    `steps` is how many joint decisions it will learn from at most; `technique` is the configuration's where
+    none is given.
     """
-    technique, layout = find_technique(config.technique), env.layout
+    technique, layout = technique or find_technique(config.technique), env.layout
     # One network for all learns from as many transitions as their own networks would together.
     networks, each = (1, robots) if technique.parameter_sharing else (robots, 1)
     shape = NetworkShape(networks, layout.size, config.hidden, env.num_actions, technique.normalised)

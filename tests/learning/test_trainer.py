@@ -272,18 +272,36 @@ def test_a_team_with_one_network_is_resumed_to_the_same_bits_and_grows(tmp_path)
             np.testing.assert_array_equal(team, np.repeat(array[:1], robots, axis=0))
 
 
-def test_what_one_network_cannot_start_from_is_a_sentence(tmp_path):
-    for technique in ("iql+s", "ps-dqn"):
-        run(tmp_path / technique, replace(SHORT, technique=technique, evaluation_episodes=0))
-    for technique, other, told in (
-        ("ps-dqn", "iql+s", "was trained without normalised layers: technique ps-dqn learns with them."),
-        ("iql+s", "ps-dqn", "was trained with normalised layers: technique iql+s learns without them."),
-    ):
-        start = str(tmp_path / other)
-        with pytest.raises(InputError) as caught:
-            run(tmp_path / "no", replace(SHORT, technique=technique, start_from=start))
-        assert str(caught.value) == f"start_from {start!r} {told}"
+def test_one_network_for_all_starts_from_one_alone(tmp_path):
+    run(tmp_path / "own", replace(SHORT, evaluation_episodes=0))
+    start = str(tmp_path / "own")
+    with pytest.raises(InputError) as caught:
+        run(tmp_path / "no", replace(SHORT, technique="ps-dqn", start_from=start))
+    assert str(caught.value) == (
+        f"start_from {start!r} has a network for each robot: technique ps-dqn starts from one that all "
+        "robots share."
+    )
     assert not (tmp_path / "no").exists()
+
+
+def test_a_curriculum_goes_on_from_a_shipped_team_with_its_layers_and_its_mask(tmp_path):
+    config = replace(
+        SHORT,
+        technique="smadrl",
+        robots=4,
+        hidden=(128, 128, 128),
+        start_from="paper-2",
+        evaluation_episodes=0,
+    )
+    run(tmp_path / "run", config)
+    card = load_policy(tmp_path / "run").card
+    assert (card.technique.normalised, card.technique.action_mask, card.shared) == (True, True, False)
+    assert [stage.name for stage in card.training.stages] == ["newcomer 3", "newcomer 4"]
+    shipped, team = load_policy("paper-2"), load_policy(tmp_path / "run")
+    for name, array in shipped.weights().items():
+        np.testing.assert_array_equal(team.weights()[name][:2], array)
+    observation = VectorEnv("paper", robots=4, num_envs=3).reset()
+    np.testing.assert_array_equal(team.act(observation)[:, :2], shipped.act(observation[:, :2]))
 
 
 def test_acting_beside_learning_changes_no_bit(tmp_path):
