@@ -18,6 +18,7 @@ from robosim.arena.model import Arena
 from robosim.arena.schema import RobotSection, TimingSection
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.errors import InputError
+from robosim.robot.drivers import NUM_ACTIONS
 
 if TYPE_CHECKING:
     from robosim.envs.vector import VectorEnv
@@ -228,6 +229,8 @@ class PolicyCard(_Record):
     def _check_team(self) -> Self:
         if self.network.of_robot and len(self.network.of_robot) != self.robots:
             raise ValueError(f"network.of_robot must hold {self.robots} numbers, one for each robot")
+        if self.technique.action_mask and self.actions == "cardinal" and self.num_actions < NUM_ACTIONS:
+            raise ValueError(f"num_actions must be {NUM_ACTIONS} for technique.action_mask")
         return self
 
     @property

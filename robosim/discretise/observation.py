@@ -89,11 +89,14 @@ def progress_columns(names: Sequence[str], actions: ActionKind) -> tuple[int, in
 
     `names` are those of its numbers. None where they do not hold it, or actions are not cardinal.
     """
-    firsts = [f"progress {goal} {_COMPASS[0]}" for goal in ("home", "to source")]
-    if actions != "cardinal" or not all(first in names for first in firsts):
-        return None
-    home, source = map(names.index, firsts)
-    return home, source
+    columns = []
+    for goal in ("home", "to source"):
+        four = [f"progress {goal} {side}" for side in _COMPASS[:4]]
+        first = names.index(four[0]) if four[0] in names else len(names)
+        if actions != "cardinal" or list(names[first : first + 4]) != four:
+            return None
+        columns.append(first)
+    return columns[0], columns[1]
 
 
 def closed_ways(observation: NDArray[np.float32], columns: tuple[int, int]) -> NDArray[np.bool_]:

@@ -111,6 +111,19 @@ def test_closed_ways_are_worth_nothing_and_not_taken(card_of, weights_of):
     assert not taken.any()
     wheels = card_of(technique=card.technique, observation=observed, actions="wheels")
     assert (Policy(weights, wheels).values(observation) == unmasked).all()
+    # Numbers that are not four and four in a row tell no ways.
+    for names in (observed.names[::-1], (*observed.names[1:], "progress home N"), ("a",) * 9):
+        other = ObservationCard(encoding="expanded", stigmergy=True, names=names)
+        odd = card_of(technique=card.technique, observation=other)
+        assert (Policy(weights, odd).values(observation) == unmasked).all()
+
+
+def test_a_mask_needs_all_cardinal_actions(tmp_path, card_of, weights_of):
+    card = card_of()
+    save_policy(tmp_path / "p", weights_of(card), card)
+    text = card_text(card).replace('"action_mask": false', '"action_mask": true')
+    (tmp_path / "p" / "card.json").write_text(text.replace('"num_actions": 5', '"num_actions": 3'))
+    assert refused(tmp_path / "p") == ("/card.json: num_actions must be 5 for technique.action_mask.")
 
 
 def test_few_stored_networks_cannot_fill_the_memory(tmp_path, card_of):
