@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robosim.arena import load_arena
 from robosim.control.card import StageCard
 from robosim.control.learned import check_fit
-from robosim.control.policy import load_policy
+from robosim.control.policy import Policy, load_policy
 from robosim.discretise.observation import progress_columns
 from robosim.envs.vector import Snapshot, VectorEnv
 from robosim.errors import InputError
@@ -43,9 +43,10 @@ class Training:
         """Joint decisions of the run so far."""
         self.ended: list[StageCard] = []
         """The stages that are over."""
-        self.technique = technique_of(config)
+        before = load_policy(config.start_from) if config.start_from else None
+        self.technique = technique_of(config, before)
         """What the run learns by; it has the layers and the mask of the policy that it starts from."""
-        self._team = starting_team(config)
+        self._team = starting_team(config, before) if before else {}
         """Weights of the robots that have learned in earlier stages."""
         shared = self.technique.parameter_sharing
         self.stages = plan_stages(
@@ -196,23 +197,20 @@ class Training:
         self.log.sums = Sums(**facts["sums"])
 
 
-def technique_of(config: TrainConfig) -> Technique:
-    """Return the technique of a run: that of its name, with what the policy to start from needs to act.
+def technique_of(config: TrainConfig, before: Policy | None) -> Technique:
+    """Return the technique of a run: that of its name, with what the policy that it starts from needs to act.
 
     Networks that learned with normalised layers or behind a mask know nothing of acting without.
     """
     technique = find_technique(config.technique)
-    if not config.start_from:
+    if before is None:
         return technique
-    before = load_policy(config.start_from).card.technique
-    return replace(technique, normalised=before.normalised, action_mask=before.action_mask)
+    needs = before.card.technique
+    return replace(technique, normalised=needs.normalised, action_mask=needs.action_mask)
 
 
-def starting_team(config: TrainConfig) -> Weights:
-    """Return the weights that a run starts from, empty for none; InputError when they do not fit the run."""
-    if not config.start_from:
-        return {}
-    policy = load_policy(config.start_from)
+def starting_team(config: TrainConfig, policy: Policy) -> Weights:
+    """Return the weights of the policy that a run starts from; InputError when they do not fit the run."""
     robots = policy.card.robots
     if policy.card.network.hidden != config.hidden:
         raise InputError(

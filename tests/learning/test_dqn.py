@@ -8,6 +8,7 @@ import torch
 from robosim.errors import InputError
 from robosim.learning.dqn import DqnSettings, StackedDoubleDQN, has_bfloat16
 from robosim.learning.networks import NetworkShape
+from tests.learning.plain import plain_networks
 
 SHAPE = NetworkShape(robots=3, inputs=6, hidden=(16, 16, 16), outputs=5)
 SETTINGS = DqnSettings(discount=0.9, batch_size=8, target_interval=3, replay_capacity=50, reward_scale=0.5)
@@ -24,28 +25,6 @@ def filled(shape=SHAPE, settings=SETTINGS, seed=0, reward_of_last=1.0, device="c
     return learner
 
 
-class Normalised(torch.nn.Module):
-    """Each row over its root mean square."""
-
-    def forward(self, rows):
-        return rows / (rows.square().mean(dim=-1, keepdim=True) + 1e-5).sqrt()
-
-
-def linear_networks(parameters):
-    networks = []
-    for robot in range(parameters.shape.robots):
-        layers = []
-        for weight, bias in zip(parameters.weights, parameters.biases, strict=True):
-            linear = torch.nn.Linear(weight.shape[1], weight.shape[2])
-            linear.weight.data.copy_(weight[robot].T)
-            linear.bias.data.copy_(bias[robot, 0])
-            layers += [linear, torch.nn.ReLU()]
-            layers += [Normalised()] if parameters.shape.normalised else []
-        rest = 2 if parameters.shape.normalised else 1
-        networks.append(torch.nn.Sequential(*layers[:-rest]))
-    return networks
-
-
 @pytest.mark.parametrize("normalised", [False, True])
 @pytest.mark.parametrize("batch_size", [8, 500, 1500])
 def test_updates_equal_plain_double_dqn_with_autograd(batch_size, normalised):
@@ -53,7 +32,7 @@ def test_updates_equal_plain_double_dqn_with_autograd(batch_size, normalised):
     shape = replace(SHAPE, normalised=normalised)
     learner = filled(shape, settings=replace(SETTINGS, batch_size=batch_size))
     assert len(learner._blocks) == {8: 1, 500: 2, 1500: 3}[batch_size]
-    online, target = linear_networks(learner.parameters), linear_networks(learner.target)
+    online, target = plain_networks(learner.parameters), plain_networks(learner.target)
     optimisers = [torch.optim.Adam(network.parameters(), lr=1e-3) for network in online]
     for update in range(1, 8):
         learner.update(1e-3)
@@ -70,7 +49,7 @@ def test_updates_equal_plain_double_dqn_with_autograd(batch_size, normalised):
             optimisers[robot].step()
             if update % 3 == 0:
                 target[robot].load_state_dict(online[robot].state_dict())
-        expected = linear_networks(learner.parameters)
+        expected = plain_networks(learner.parameters)
         for ours, theirs in zip(expected, online, strict=True):
             for one, other in zip(ours.parameters(), theirs.parameters(), strict=True):
                 torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
@@ -92,7 +71,7 @@ def some_ways_closed(learner):
 def test_targets_follow_the_best_open_way():
     learner = filled(WIDE, MASKED)
     some_ways_closed(learner)
-    online, target = linear_networks(learner.parameters), linear_networks(learner.target)
+    online, target = plain_networks(learner.parameters), plain_networks(learner.target)
     learner.update(1e-3)
     drawn, differ = learner._batch, 0
     for robot in range(WIDE.robots):

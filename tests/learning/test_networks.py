@@ -14,38 +14,15 @@ from robosim.learning.networks import (
     initialise,
     transposed,
 )
+from tests.learning.plain import plain_networks
 
 SHAPE = NetworkShape(robots=3, inputs=7, hidden=(16, 12), outputs=5)
-
-
-class Normalised(torch.nn.Module):
-    """Each row over its root mean square."""
-
-    def forward(self, rows):
-        return rows / (rows.square().mean(dim=-1, keepdim=True) + 1e-5).sqrt()
 
 
 def fresh(shape=SHAPE, seed=0):
     parameters = Parameters(shape)
     initialise(parameters, np.random.SeedSequence(seed).spawn(shape.robots))
     return parameters
-
-
-def modules(parameters):
-    """The same networks, one torch.nn.Sequential a robot."""
-    networks = []
-    for robot in range(parameters.shape.robots):
-        layers = []
-        for weight, bias in zip(parameters.weights, parameters.biases, strict=True):
-            linear = torch.nn.Linear(weight.shape[1], weight.shape[2])
-            with torch.no_grad():
-                linear.weight.copy_(weight[robot].T)
-                linear.bias.copy_(bias[robot, 0])
-            layers += [linear, torch.nn.ReLU()]
-            layers += [Normalised()] if parameters.shape.normalised else []
-        rest = 2 if parameters.shape.normalised else 1
-        networks.append(torch.nn.Sequential(*layers[:-rest]))
-    return networks
 
 
 @pytest.mark.parametrize("normalised", [False, True])
@@ -55,7 +32,7 @@ def test_forward_equals_one_network_after_another(normalised):
     inputs = torch.randn(3, 10, 7, generator=torch.Generator().manual_seed(0))
     for keep in (True, False):
         values = forward(parameters, inputs, Activations(shape, 10, keep=keep))
-        for robot, network in enumerate(modules(parameters)):
+        for robot, network in enumerate(plain_networks(parameters)):
             torch.testing.assert_close(values[robot], network(inputs[robot]))
 
 
@@ -70,7 +47,7 @@ def test_hand_written_gradient_equals_autograd(hidden, normalised):
     activations, scratch = Activations(shape, 10), Activations(shape, 10, keep=False)
     forward(parameters, inputs, activations)
     backward(parameters, inputs, activations, delta, scratch.hidden, gradient)
-    for robot, network in enumerate(modules(parameters)):
+    for robot, network in enumerate(plain_networks(parameters)):
         network(inputs[robot]).backward(delta[robot])
         linears = [layer for layer in network if isinstance(layer, torch.nn.Linear)]
         for layer, linear in enumerate(linears):
