@@ -12,7 +12,7 @@ import argparse
 import statistics
 import time
 
-from robosim.analysis.monitor import TeamMonitor
+from robosim.analysis.measure.monitor import TeamMonitor
 from robosim.control.controller import make_controller
 from robosim.control.environment import environment_for
 

@@ -13,13 +13,13 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from robosim.analysis.metrics import clogged_share, pellets, summarise
-from robosim.analysis.monitor import Episode, EpisodeMonitor
-from robosim.analysis.plots import draw_flow
-from robosim.analysis.spacetime import Span, draw_panel, longest_clog
-from robosim.analysis.style import look, palette_png, time_unit
-from robosim.envs.replay import begun
-from robosim.envs.trajectory import load_trajectory
+from robosim.analysis.figures.plots import draw_flow
+from robosim.analysis.figures.spacetime import Span, draw_panel, longest_clog
+from robosim.analysis.figures.style import look, palette_png, time_unit
+from robosim.analysis.measure.metrics import clogged_share, pellets, summarise
+from robosim.analysis.measure.monitor import Episode, EpisodeMonitor
+from robosim.episodes.replay import begun
+from robosim.episodes.trajectory import load_trajectory
 
 STRIP = 300.0
 """Time shown of each team, s."""

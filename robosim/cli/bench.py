@@ -43,7 +43,7 @@ class Bench:
 
 
 def _measure_decisions(decisions: int) -> list[dict[str, Any]]:
-    from robosim.analysis.benchmark import Cost, measure
+    from robosim.bench.decisions import Cost, measure
 
     print("arena paper, traffic of `lanes`, processor time of one thread, median of three repeats")
     print("robots  envs  pellets   joint/s   robot-decisions/s   in Space.step   cost / floor")

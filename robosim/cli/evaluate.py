@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    from robosim.analysis.monitor import TeamMonitor
+    from robosim.analysis.measure.monitor import TeamMonitor
     from robosim.control.card import Evaluation
 
 
@@ -70,15 +70,15 @@ class Evaluate:
         """Return what watches the episodes, if there is to be a report, and there can be one."""
         if self.report is None:
             return None
-        from robosim.analysis.folder import require_folder
-        from robosim.analysis.monitor import TeamMonitor
+        from robosim.analysis.measure.monitor import TeamMonitor
+        from robosim.analysis.report.folder import require_folder
 
         require_folder(self.report)
         return TeamMonitor()
 
     def _write_report(self, folder: Path, evaluation: Evaluation, monitor: TeamMonitor) -> None:
-        from robosim.analysis.report import Watched, write_report
-        from robosim.analysis.words import congestion_lines
+        from robosim.analysis.report.words import congestion_lines
+        from robosim.analysis.report.writer import Watched, write_report
 
         for name, words in congestion_lines(monitor.episodes):
             print(f"  {name:<22}  {words}", flush=True)

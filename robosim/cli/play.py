@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    from robosim.analysis.clogs import Clog
+    from robosim.analysis.clogs.finder import Clog
     from robosim.control.controller import Controller
-    from robosim.envs.trajectory import Trajectory
     from robosim.envs.vector import VectorEnv
+    from robosim.episodes.trajectory import Trajectory
     from robosim.playback.episode import OnStep, Recorded
 
 AROUND = 5.0
@@ -54,7 +54,7 @@ class Play:
 
     def run(self) -> None:
         """Record, and say where the recording is and how to open it."""
-        from robosim.envs.trajectory import SUFFIX
+        from robosim.episodes.trajectory import SUFFIX
         from robosim.errors import InputError
 
         if self.steps is not None and self.steps < 1:
@@ -166,7 +166,7 @@ class Play:
     def _team(self) -> tuple[Controller, VectorEnv]:
         from robosim.control.controller import make_controller
         from robosim.control.environment import environment_for
-        from robosim.envs.trajectory import require_place
+        from robosim.episodes.trajectory import require_place
 
         if self.save_trajectory is not None:
             require_place(self.save_trajectory)
@@ -183,7 +183,7 @@ class Play:
 
     def _load(self) -> Trajectory:
         """Return the trajectory to run again, as far as it is wanted."""
-        from robosim.envs.trajectory import load_trajectory
+        from robosim.episodes.trajectory import load_trajectory
         from robosim.errors import InputError
 
         for option in ("arena", "robots", "seed", "save_trajectory"):

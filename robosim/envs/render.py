@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
-from robosim.envs.frame import Frame
+from robosim.episodes.frame import Frame
 from robosim.errors import InputError
 from robosim.robot.sheet import RobotSheet
 from robosim.world.state import PelletStatus

@@ -18,8 +18,8 @@ from robosim.discretise.dec_pomdp import DecPomdp
 from robosim.discretise.observation import ENCODINGS, Encoding, ObservationLayout
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import REWARD_KINDS, RewardConfig, RewardKind, Sharing
-from robosim.envs.frame import Frame
-from robosim.envs.trajectory import MAX_PELLET_GRADIENT, Trajectory
+from robosim.episodes.frame import Frame
+from robosim.episodes.trajectory import MAX_PELLET_GRADIENT, Trajectory
 from robosim.errors import InputError
 from robosim.robot.drivers import ACTION_KINDS, NUM_ACTIONS, ActionKind
 from robosim.world.physics import PhysicsWorld

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.model import Arena
-from robosim.envs.frame import Frame
 from robosim.envs.options import EnvOptions
 from robosim.envs.vector import Transition, VectorEnv, checked_actions
+from robosim.episodes.frame import Frame
 from robosim.errors import InputError
 
 _PATIENCE = 5.0

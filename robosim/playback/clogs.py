@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.analysis.clogs import TRANSITS, Clog, ClogFinder, clogs_among
-from robosim.analysis.groups import hold_decisions
-from robosim.analysis.tunnels import Tunnels, find_tunnels
-from robosim.analysis.visits import VisitLog
+from robosim.analysis.clogs.finder import TRANSITS, Clog, ClogFinder, clogs_among
+from robosim.analysis.clogs.groups import hold_decisions
+from robosim.analysis.measure.tunnels import Tunnels, find_tunnels
+from robosim.analysis.measure.visits import VisitLog
 from robosim.arena.model import Arena
-from robosim.envs.columns import FrameColumns
-from robosim.envs.frame import Frame
+from robosim.episodes.columns import FrameColumns
+from robosim.episodes.frame import Frame
 from robosim.playback.threads import Piece, Threads
 
 Floats = NDArray[np.float64]

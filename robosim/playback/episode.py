@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from robosim.analysis.clogs import Clog, clogs_among
-from robosim.analysis.monitor import EpisodeMonitor
+from robosim.analysis.clogs.finder import Clog, clogs_among
+from robosim.analysis.measure.monitor import EpisodeMonitor
 from robosim.arena.model import Arena
 from robosim.control.controller import Controller
-from robosim.envs.frame import Frame
-from robosim.envs.replay import begun
-from robosim.envs.trajectory import Trajectory
 from robosim.envs.vector import VectorEnv
+from robosim.episodes.frame import Frame
+from robosim.episodes.replay import begun
+from robosim.episodes.trajectory import Trajectory
 from robosim.playback.clogs import decisions_to_tell
 from robosim.playback.recorder import Recorder, recording
 from robosim.playback.writer import REWARD_STEPS

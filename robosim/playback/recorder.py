@@ -9,8 +9,8 @@ from pathlib import Path
 import rerun as rr
 
 from robosim.arena.model import Arena
-from robosim.envs.columns import FrameColumns
-from robosim.envs.frame import Frame
+from robosim.episodes.columns import FrameColumns
+from robosim.episodes.frame import Frame
 from robosim.playback import entities
 from robosim.playback.blueprint import make_blueprint
 from robosim.playback.clogs import ClogWatch, Watched

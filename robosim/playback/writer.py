@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Arena
 from robosim.discretise.modes import Mode
-from robosim.envs.columns import FrameColumns
+from robosim.episodes.columns import FrameColumns
 from robosim.playback import entities, palette
 from robosim.playback.changes import changed_rows
 from robosim.playback.scene import level_of_occupancy

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from robosim.analysis.monitor import Episode, EpisodeMonitor
+from robosim.analysis.measure.monitor import Episode, EpisodeMonitor
 from robosim.arena import Arena, load_arena, parse_arena
 from robosim.control.controller import make_controller
 from robosim.discretise.modes import Mode
-from robosim.envs.columns import FrameColumns
-from robosim.envs.frame import Frame
 from robosim.envs.vector import VectorEnv
+from robosim.episodes.columns import FrameColumns
+from robosim.episodes.frame import Frame
 from robosim.world.contacts import ContactKind, Contacts
 
 STOP = 4

@@ -24,8 +24,8 @@ def test_prints_and_writes_both_tables_without_stable_baselines3(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    monkeypatch.setattr("robosim.analysis.benchmark.SPREAD_OUT", 1)
-    monkeypatch.setattr("robosim.analysis.benchmark.REPEATS", 1)
+    monkeypatch.setattr("robosim.bench.decisions.SPREAD_OUT", 1)
+    monkeypatch.setattr("robosim.bench.decisions.REPEATS", 1)
     monkeypatch.setattr("robosim.learning.benchmark.TRANSITIONS", 600)
     monkeypatch.setattr("robosim.learning.benchmark.TURN", 1)
     Bench(decisions=1, updates=1, json=tmp_path / "bench.json").run()

@@ -74,8 +74,8 @@ def test_a_place_that_will_not_do_is_refused_before_any_episode(tmp_path, monkey
 
 
 def test_a_full_disk_costs_the_report_but_not_the_figures(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("robosim.analysis.report.FIGURES", ())
-    monkeypatch.setattr("robosim.analysis.page.FIGURES", ())
+    monkeypatch.setattr("robosim.analysis.report.writer.FIGURES", ())
+    monkeypatch.setattr("robosim.analysis.report.page.FIGURES", ())
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (3_000, limits[1]))
@@ -95,9 +95,9 @@ def test_an_interrupt_leaves_nothing_behind(tmp_path, monkeypatch, capsys):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("robosim.analysis.report.FIGURES", ())
-    monkeypatch.setattr("robosim.analysis.page.FIGURES", ())
-    monkeypatch.setattr("robosim.analysis.report.trip_table", interrupt)
+    monkeypatch.setattr("robosim.analysis.report.writer.FIGURES", ())
+    monkeypatch.setattr("robosim.analysis.report.page.FIGURES", ())
+    monkeypatch.setattr("robosim.analysis.report.writer.trip_table", interrupt)
     assert main([*SHORT, "--report", str(tmp_path / "out")]) == 130
     assert list(tmp_path.iterdir()) == []
 

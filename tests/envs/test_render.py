@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 import robosim
 from robosim.arena import Arena
-from robosim.envs.frame import Frame
 from robosim.envs.render import HELD_PELLET, LOOSE_PELLET, MODES, ZONES, Painter, outline_distance
+from robosim.episodes.frame import Frame
 from robosim.robot.sheet import RobotSheet
 
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robosim.analysis.clogs import Cause, Clog, ClogFinder, Ending, clogs_among
-from robosim.analysis.traffic import TrafficMeter
-from robosim.analysis.tunnels import find_tunnels
+from robosim.analysis.clogs.finder import Cause, Clog, ClogFinder, Ending, clogs_among
+from robosim.analysis.measure.traffic import TrafficMeter
+from robosim.analysis.measure.tunnels import find_tunnels
 from robosim.cli.main import main
 from robosim.control.protocols import ActiveController
-from robosim.envs.columns import FrameColumns
-from robosim.envs.replay import replay
 from robosim.envs.vector import VectorEnv
+from robosim.episodes.columns import FrameColumns
+from robosim.episodes.replay import replay
 from robosim.playback import clogs as clogs_module
 from robosim.playback import palette, recording
 from robosim.playback.clogs import ClogWatch, Drawn, ToldClog, Watched, decisions_to_tell

@@ -11,9 +11,9 @@ from robosim.arena import arena_names, load_arena
 from robosim.control.controller import RandomController
 from robosim.control.lanes import LanesController
 from robosim.discretise.pheromone import PheromoneConfig
-from robosim.envs.replay import replay
-from robosim.envs.trajectory import load_trajectory
 from robosim.envs.vector import VectorEnv
+from robosim.episodes.replay import replay
+from robosim.episodes.trajectory import load_trajectory
 from robosim.errors import InputError
 from robosim.playback.clogs import decisions_to_tell
 from robosim.playback.episode import record_episode, record_trajectory, widened

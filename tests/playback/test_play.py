@@ -6,8 +6,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from robosim.cli.main import main
-from robosim.envs.trajectory import load_trajectory
 from robosim.envs.vector import VectorEnv
+from robosim.episodes.trajectory import load_trajectory
 from tests.playback.reading import Reading, plain
 
 

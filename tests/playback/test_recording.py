@@ -7,8 +7,8 @@ from rerun.components import AggregationPolicy, InterpolationMode
 
 from robosim.arena import load_arena
 from robosim.discretise.modes import Mode
-from robosim.envs.columns import PHEROMONE_STEPS, ROWS
-from robosim.envs.frame import Frame
+from robosim.episodes.columns import PHEROMONE_STEPS, ROWS
+from robosim.episodes.frame import Frame
 from robosim.playback import palette, recording
 from robosim.playback.scene import level_of_occupancy, occupancy_of_level
 from robosim.playback.writer import (

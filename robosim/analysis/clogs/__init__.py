@@ -1,0 +1,1 @@
+"""Clogs: who stands in whose way, since when, and why."""

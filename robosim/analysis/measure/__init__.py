@@ -1,0 +1,1 @@
+"""Figures of an episode, read off its frames as they come."""

@@ -1,0 +1,1 @@
+"""A report on an evaluation: page, tables and figures in a folder."""

@@ -1,0 +1,1 @@
+"""What decisions and updates cost on this machine, against the bare work under them."""
