@@ -72,12 +72,16 @@ class DecPomdp:
         self._still_way = BLOCKED_SHARE * sheet.top_speed * period
         self._still_turn = BLOCKED_SHARE * sheet.top_turn_rate * period
 
-    def reset(self, env: int, state: WorldState) -> None:
-        """Begin an episode in one environment from the world's state."""
-        self.pheromone.reset(env)
-        for cleared in (self.blocked, self.collided, self.collisions, self.in_place, self._paid):
-            cleared[env] = 0
-        self.previous_action[env] = STOP
+    def reset(self, state: WorldState) -> None:
+        """Begin an episode in every environment from the worlds' state."""
+        self.pheromone.reset()
+        shape = state.held.shape
+        self.blocked = np.zeros(shape, dtype=np.bool_)
+        self.collided = np.zeros(shape, dtype=np.bool_)
+        self.collisions = np.zeros(shape, dtype=np.int64)
+        self.in_place = np.zeros(shape, dtype=np.int64)
+        self.previous_action = np.full(shape, STOP, dtype=np.int64)
+        self._paid.fill(False)
         self._locate(state)
         self._set_modes(state)
         self.shown_mode = self.mode.copy()

@@ -93,10 +93,10 @@ class PheromoneMap:
         """Numbers in a robot's field of view, all channels."""
         return len(CHANNELS) * len(self._patch)
 
-    def reset(self, env: int) -> None:
-        """Return one environment's map to its initial state."""
-        self._maps[env] = 0.0
-        self._maps[env, 0] = self._config.initial * self._grid.free.ravel()
+    def reset(self) -> None:
+        """Return every environment's map to its initial state."""
+        self._maps.fill(0.0)
+        self._maps[:, 0] = self._config.initial * self._grid.free.ravel()
 
     @property
     def occupancy(self) -> Floats:

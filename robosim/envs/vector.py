@@ -158,10 +158,8 @@ class VectorEnv:
 
     def _begin(self, episode: int) -> NDArray[np.float32]:
         self.episode = episode
-        for env, seed in enumerate(self.seeds):
-            self._world.reset(env, np.random.SeedSequence(seed, spawn_key=(episode,)))
-        for env in range(self.num_envs):
-            self._dec.reset(env, self._world.state)
+        self._world.reset([np.random.SeedSequence(seed, spawn_key=(episode,)) for seed in self.seeds])
+        self._dec.reset(self._world.state)
         self.steps_taken = 0
         self.delivered = np.zeros_like(self.delivered)
         self._reward = np.zeros_like(self._reward)

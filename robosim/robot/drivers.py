@@ -70,8 +70,8 @@ ACTION_NAMES: dict[str, tuple[str, ...]] = {
 class Driver(Protocol):
     """Turns the actions of one decision into wheel speeds, one control period at a time."""
 
-    def reset(self, env: int, pose: Floats) -> None:
-        """Forget what was in one environment; `pose` is [envs, robots, 3]."""
+    def reset(self, pose: Floats) -> None:
+        """Forget what was: new episodes begin, at `pose` [envs, robots, 3]."""
         ...
 
     def begin(self, pose: Floats, actions: Integers) -> None:
@@ -121,16 +121,12 @@ class CardinalDriver:
         self._sense = np.zeros(0)
         self._error = np.zeros(0)
 
-    def reset(self, env: int, pose: Floats) -> None:
-        if self._jam.shape != pose.shape[:2]:
-            self._jam = np.zeros(pose.shape[:2], dtype=np.int64)
-            self._heading = pose[..., 2].copy()
-            self._turn = np.zeros(pose.shape[:2])
-            self._turning = np.zeros(pose.shape[:2])
-            self._error = np.zeros(pose.shape[:2])
-        self._jam[env] = 0
-        self._turning[env] = 0.0
-        self._turn[env] = 0.0
+    def reset(self, pose: Floats) -> None:
+        self._jam = np.zeros(pose.shape[:2], dtype=np.int64)
+        self._heading = pose[..., 2].copy()
+        self._turn = np.zeros(pose.shape[:2])
+        self._turning = np.zeros(pose.shape[:2])
+        self._error = np.zeros(pose.shape[:2])
 
     def begin(self, pose: Floats, actions: Integers) -> None:
         coordinates = pose[..., :2] * (1.0 / self._cell)
@@ -188,7 +184,7 @@ class WheelsDriver:
         self._table = np.array([[top, top], [-top, -top], [-top, top], [top, -top], [0.0, 0.0]])
         self._speeds = np.empty(0)
 
-    def reset(self, env: int, pose: Floats) -> None:
+    def reset(self, pose: Floats) -> None:
         """Nothing is remembered between decisions."""
 
     def begin(self, pose: Floats, actions: Integers) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
@@ -9,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.arena.model import Arena
 from robosim.world.contacts import Contacts
 
 Floats = NDArray[np.float64]
@@ -76,18 +78,33 @@ class WorldState:
 
 
 class World(Protocol):
-    """A batch of worlds: it knows bodies, and nothing of pheromones, rewards or policies."""
+    """A batch of worlds: it knows bodies, and nothing of pheromones, rewards or policies.
 
+    This is all that discretisation, controllers, analysis and playback know of where robots are.
+    """
+
+    arena: Arena
+    """The map, with the timing that this world keeps."""
     num_envs: int
     robots: int
     state: WorldState
     contacts: Contacts
     """Of the last decision."""
+    travel: float
+    """Farthest that a robot comes in a decision, m."""
+    turn: float
+    """Farthest that a robot turns in a decision, rad."""
+    wheel_energy: Floats
+    """[envs, robots] energy lost at the wheels in the episode so far, J; 0 where it is not metered."""
 
-    def reset(self, env: int, seed: np.random.SeedSequence) -> None:
-        """Begin an episode in one environment; everything random in it comes from `seed`."""
+    def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
+        """Begin an episode in every environment; everything random in it comes from its one of `seeds`."""
         ...
 
     def step(self, actions: Integers, gripper: NDArray[np.int8]) -> None:
         """Advance all environments by one decision: actions and gripper are [envs, robots]."""
+        ...
+
+    def meter_wheels(self) -> None:
+        """Meter `wheel_energy` from now on, in worlds that have wheels."""
         ...

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from robosim.robot.drivers import CARDINAL_STEPS, Cardinal, CardinalDriver, Wheels, WheelsDriver, make_driver
 from robosim.robot.kinematics import body_twist
@@ -29,7 +30,7 @@ def drive(driver, pose: np.ndarray, actions: list[int], decisions: int = 1) -> n
 
 def cardinal(pose: np.ndarray) -> CardinalDriver:
     driver = CardinalDriver(SHEET, FREE, CELL, PERIOD, 3 * PERIOD)
-    driver.reset(0, pose)
+    driver.reset(pose)
     return driver
 
 
@@ -42,7 +43,7 @@ def test_with_a_wall_ahead_a_robot_closes_up_to_the_middle_of_its_cell(action, o
     start = 10.5 * CELL + offset * step
     pose = np.array([[[start[0], start[1], math.atan2(step[1], step[0])]]])
     driver = CardinalDriver(SHEET, walled, CELL, PERIOD, 3 * PERIOD)
-    driver.reset(0, pose)
+    driver.reset(pose)
     end = drive(driver, pose, [action], decisions=6)[0, 0]
     beyond = (end[:2] - 10.5 * CELL) @ step
     print(f"{action.name} from {1000 * offset:.0f} mm: ends {1000 * beyond:.1f} mm beyond the middle")
@@ -100,8 +101,7 @@ def test_commands_are_within_the_data_sheet_but_for_turns_that_are_jammed() -> N
         [rng.uniform(0.0, 3.0, (4, 100, 2)), rng.uniform(-np.pi, np.pi, (4, 100, 1))], axis=2
     )
     driver = CardinalDriver(SHEET, FREE, CELL, PERIOD, 3 * PERIOD)
-    for env in range(4):
-        driver.reset(env, pose)
+    driver.reset(pose)
     for decision in range(10):
         driver.begin(pose, rng.integers(0, 5, (4, 100)))
         wheels = driver.wheel_speeds(pose)
@@ -149,19 +149,22 @@ def test_a_jammed_turn_is_backed_out_of_and_a_free_one_is_not() -> None:
     assert turned[0, 0, :2] == pytest.approx(pose[0, 0, :2], abs=0.03)
 
 
-def test_reset_forgets_one_environment_only() -> None:
+def test_reset_forgets_what_was() -> None:
     pose = np.array([[[1.0, 1.0, 0.0]], [[1.0, 1.0, 0.0]]])
-    driver = CardinalDriver(SHEET, FREE, CELL, PERIOD, 3 * PERIOD)
-    driver.reset(0, pose)
-    driver.reset(1, pose)
+    used, fresh = (CardinalDriver(SHEET, FREE, CELL, PERIOD, 3 * PERIOD) for _ in range(2))
+    used.reset(pose)
+    fresh.reset(pose)
+    west = np.full((2, 1), Cardinal.WEST)
     for _ in range(2):
-        driver.begin(pose, np.full((2, 1), Cardinal.WEST))
-        driver.wheel_speeds(pose)
-    driver.reset(0, pose)
-    driver.begin(pose, np.full((2, 1), Cardinal.WEST))
-    speed, _ = body_twist(SHEET, driver.wheel_speeds(pose))
-    assert speed[0, 0] == pytest.approx(0.0, abs=1e-12)
-    assert speed[1, 0] != pytest.approx(0.0, abs=1e-3)
+        used.begin(pose, west)
+        used.wheel_speeds(pose)
+    used.begin(pose, west)
+    jammed, _ = body_twist(SHEET, used.wheel_speeds(pose))
+    assert (np.abs(jammed) > 1e-3).all()
+    used.reset(pose)
+    for driver in (used, fresh):
+        driver.begin(pose, west)
+    assert_array_equal(used.wheel_speeds(pose), fresh.wheel_speeds(pose))
 
 
 def test_each_kind_of_action_has_its_driver() -> None:

@@ -37,7 +37,7 @@ class Bench:
         robots = len(arena.start.poses)
         self.arena = arena
         self.world = PhysicsWorld(arena, robots, 1, actions)
-        self.world.reset(0, np.random.SeedSequence(0))
+        self.world.reset([np.random.SeedSequence(0)])
         self._bodies = self.world._spaces[0]
         self.space: pymunk.Space = self._bodies._space
 

@@ -35,15 +35,13 @@ class ContactLog:
         self._owner[:, -1] = WALL
         self._num_envs = num_envs
         self._slots = np.arange(num_envs * control_steps)
-        self._ids_by_env = np.zeros((num_envs, self._bodies), dtype=np.uintp)
         self._sorted_ids = np.zeros(0, dtype=np.uintp)
         self._body_of_rank = np.zeros(0, dtype=np.int64)
         self.clear()
 
-    def know_bodies(self, env: int, ids: NDArray[np.uintp]) -> None:
-        """Learn the ids [robots + pellets] of an environment's bodies at the start of its episode."""
-        self._ids_by_env[env] = ids
-        everyone = self._ids_by_env.ravel()
+    def know_bodies(self, ids: NDArray[np.uintp]) -> None:
+        """Learn the ids [envs, robots + pellets] of all bodies at the start of their episodes."""
+        everyone = ids.ravel()
         order = np.argsort(everyone, kind="stable")
         self._sorted_ids = everyone[order]
         self._body_of_rank = order % self._bodies

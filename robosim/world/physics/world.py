@@ -79,6 +79,8 @@ class PhysicsWorld:
             fresh=np.zeros((num_envs, pellets), dtype=np.bool_),
         )
         self.contacts = no_contacts()
+        self.travel = sheet.top_speed * timing.decision_period
+        self.turn = sheet.top_turn_rate * timing.decision_period
         self.wheel_speeds: Floats = np.zeros((*shape, 2))
         """[envs, robots, 2] wheel speeds held in the last control period, rad/s."""
         self.wheel_energy: Floats = np.zeros(shape)
@@ -116,47 +118,38 @@ class PhysicsWorld:
         """
         self._metered = True
 
-    def reset(self, env: int, seed: np.random.SeedSequence) -> None:
-        """Begin an episode in one environment; everything random in it comes from `seed`.
-
-        Environments are first reset in their order.
-        """
-        rng = np.random.default_rng(seed)
-        draws, speed_factor = draw_episode(self.arena, self.robots, rng, self.pellet_gradient)
-        self._commands[env] = 0.0
-        space = EpisodeSpace(self.arena, draws, self._commands[env])
-        if env == len(self._spaces):
-            self._spaces.append(space)
-            self._rngs.append(rng)
-        else:
-            self._spaces[env] = space
-            self._rngs[env] = rng
+    def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
+        """Begin an episode in every environment; everything random in it comes from its one of `seeds`."""
+        self._rngs = [np.random.default_rng(seed) for seed in seeds]
+        self._commands[...] = 0.0
+        self._spaces = [self._built(env, rng) for env, rng in enumerate(self._rngs)]
+        self._log.know_bodies(np.stack([space.body_ids for space in self._spaces]))
         state = self.state
-        state.touched[:, env] = False
-        state.lost[env] = False
-        state.fresh[env] = False
         for nothing in (state.held, state.touching, state.picked, self._holder, self._last_holder):
-            nothing[env] = -1
-        state.velocity[env] = 0.0
-        state.deliveries[env] = 0
-        state.delivered[env] = 0
-        state.refilled[env] = 0
-        state.pellet_status[env] = LOOSE
-        self.wheel_energy[env] = 0.0
+            nothing.fill(-1)
+        for cleared in (
+            state.touched, state.lost, state.fresh, state.velocity, state.deliveries, state.delivered,
+            state.refilled, self.wheel_energy, self.wheel_speeds, self._control_steps,
+        ):  # fmt: skip
+            cleared.fill(0)
+        state.pellet_status.fill(LOOSE)
+        state.pellets[...] = self._slots[:, :-1]
+        self._driver.reset(state.pose)
+        self._feel_pellets(np.cos(state.pose[..., 2]), np.sin(state.pose[..., 2]))
+        self.contacts = no_contacts()
+
+    def _built(self, env: int, rng: np.random.Generator) -> EpisodeSpace:
+        """Draw an environment's episode and build its bodies."""
+        draws, speed_factor = draw_episode(self.arena, self.robots, rng, self.pellet_gradient)
+        space = EpisodeSpace(self.arena, draws, self._commands[env])
         self._traction[env] = self.arena.robot.traction_force * draws.robot_mass * draws.traction
         self._max_speed[env, :, 0] = self.arena.robot.max_wheel_speed * speed_factor
-        self.wheel_speeds[env] = 0.0
-        self._control_steps[env] = 0
-        self._log.know_bodies(env, space.body_ids)
         listed = np.append(space.body_ids[self.robots :], space.ground_id)
         self._rank_slot[env] = np.argsort(listed)
         self._listed_ids[env] = np.sort(listed)
-        state.pose[env] = draws.robot_pose
-        self._driver.reset(env, state.pose)
+        self.state.pose[env] = draws.robot_pose
         self._slots[env, :-1] = draws.pellet_place
-        state.pellets[env] = draws.pellet_place
-        self._feel_pellets(np.cos(state.pose[..., 2]), np.sin(state.pose[..., 2]))
-        self.contacts = no_contacts()
+        return space
 
     def step(self, actions: Integers, gripper: NDArray[np.int8]) -> None:
         """Advance all environments by one decision: actions and gripper commands are [envs, robots]."""

@@ -1,0 +1,33 @@
+"""Which world an environment runs in."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+from robosim.arena.model import Arena
+from robosim.robot.drivers import ActionKind
+from robosim.world.state import World
+
+WorldKind = Literal["physics", "grid"]
+"""`physics`: rigid bodies; `grid`: the paper's abstraction, one robot a cell."""
+WORLD_KINDS: tuple[WorldKind, ...] = get_args(WorldKind)
+
+
+def make_world(
+    kind: WorldKind,
+    arena: Arena,
+    robots: int,
+    num_envs: int,
+    actions: ActionKind = "cardinal",
+    pellet_gradient: float = 0.0,
+) -> World:
+    """Return a batch of worlds of that kind; nothing else names one.
+
+    `pellet_gradient` says how unevenly pellets may lie as an episode begins. Raises InputError when the
+    robots do not fit the arena. Loads the world's own libraries only now.
+    """
+    if kind == "grid":
+        raise NotImplementedError
+    from robosim.world.physics import PhysicsWorld
+
+    return PhysicsWorld(arena, robots, num_envs, actions, pellet_gradient)
