@@ -35,7 +35,7 @@ def learn(arena: str, robots: int, frames: int, seed: int) -> MultiAgentMLP:
     """Let a team act and learn for `frames` decisions; returns its networks, one for each robot."""
     torch.manual_seed(seed)
     torch.set_num_threads(1)  # networks this small gain nothing from more
-    env = PettingZooWrapper(robosim.parallel_env(arena, robots, reward="local", episode_steps=1250))
+    env = PettingZooWrapper(robosim.parallel_env(arena, robots=robots, reward="local", episode_steps=1250))
     env.set_seed(seed)
     env = TransformedEnv(env, RewardScaling(loc=0.0, scale=0.1, in_keys=[REWARD]))
     networks = MultiAgentMLP(

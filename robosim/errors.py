@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Iterable
 
 
@@ -20,3 +21,20 @@ def nearest_names(name: str, known: Iterable[str]) -> str:
     if near:
         return f"did you mean {' or '.join(near)}?"
     return f"known names are {', '.join(names)}."
+
+
+def shown(value: object) -> str:
+    """Write a value as a file would, in one printable line that is not too long."""
+    if isinstance(value, str):
+        text = json.dumps(value)
+    elif isinstance(value, list | tuple):
+        more = ", ..." if len(value) > 9 else ""
+        text = "[" + ", ".join(shown(part) for part in value[:9]) + more + "]"
+    elif isinstance(value, dict):
+        text = "a table"
+    elif isinstance(value, int) and abs(value) > 10**30:
+        text = "a whole number of more than 30 digits"
+    else:
+        text = " ".join(str(value).split())
+    text = "".join(character if character.isprintable() else "?" for character in text)
+    return text if len(text) <= 80 else text[:76] + " ..."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import lru_cache
 from pathlib import Path
 
 from robosim.arena.model import Arena
@@ -19,12 +20,22 @@ def arena_names() -> list[str]:
 
 
 def load_arena(name_or_path: str | Path) -> Arena:
-    """Read and check an arena: a shipped one by name, or any file by path.
+    """Read and check an arena: a shipped one by name, any file by path, or the text of a file.
+
+    What has more than one line is the text of a file.
 
     Raises InputError with one sentence per mistake, one on each line.
     """
+    if isinstance(name_or_path, str) and "\n" in name_or_path:
+        return _parsed(name_or_path)
     path = _find(name_or_path)
     return parse_arena(_read(path), str(path))
+
+
+@lru_cache(maxsize=16)
+def _parsed(text: str) -> Arena:
+    """Read an arena's text, or take the one that was read from it: arenas do not change."""
+    return parse_arena(text, "arena")
 
 
 def _find(name_or_path: str | Path) -> Path:

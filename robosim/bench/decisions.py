@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from robosim.arena import Arena, load_arena
 from robosim.control.lanes import LanesController
 from robosim.envs.vector import VectorEnv
+from robosim.world.physics import PhysicsWorld
 from robosim.world.physics.space import EpisodeSpace
 
 ROBOTS = (1, 8, 32)
@@ -123,6 +124,8 @@ def _time_once(arena: Arena, robots: int, envs: int, actions: NDArray[np.int64])
     for chosen in actions[:SPREAD_OUT]:
         env.step(chosen)
     watch = _Stopwatch()
+    if not isinstance(env.world, PhysicsWorld):
+        raise TypeError("only physics has a solver to time")
     for space in env.world.spaces:
         watch.watch(space)
     began = time.thread_time()

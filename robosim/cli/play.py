@@ -149,7 +149,7 @@ class Play:
             print(f"No clog in {decisions} decisions: nothing to record, {self.save} was not written.")
             return False
         around = AROUND if self.around is None else self.around
-        arena = parse_arena(trajectory.arena, self.policy)
+        arena = parse_arena(trajectory.config.arena, self.policy)
         spans = spans_around(clogs, around, arena)
         wanted = decisions_run(spans, decisions, arena)
         about["recorded"] = f"{_number(clogs)}, and {around:g} s before and after each"

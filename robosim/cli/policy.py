@@ -145,7 +145,7 @@ def _learning(card: PolicyCard) -> list[tuple[str, str]]:
     training, technique = card.training, card.technique
     switches = (
         "pickups and deliveries pay " + ("the whole team" if technique.global_reward else "the robot itself"),
-        *(["losing ground costs"] if technique.signed_progress else []),
+        *(["losing ground costs"] if technique.signed_distance else []),
         *(["standing costs"] if technique.idle_cost else []),
         f"pheromones are {'' if technique.stigmergy else 'not '}seen",
         f"{'a' if technique.curriculum else 'no'} curriculum",

@@ -44,13 +44,13 @@ class TechniqueCard(_Record):
     global_reward: bool
     stigmergy: bool
     curriculum: bool
-    signed_progress: bool = False
+    signed_distance: bool = False
     idle_cost: bool = False
     parameter_sharing: bool = False
     normalised: bool = False
     """Hidden layers are divided by their root mean square, after ReLU."""
     action_mask: bool = False
-    """Closed ways are not chosen, as `robosim.discretise.observation.closed_ways` tells them."""
+    """Closed ways are not chosen, as `robosim.discretise.observation.blocked_moves` tells them."""
 
 
 class ArenaCard(_Record):
@@ -261,7 +261,7 @@ def card_for(
             encoding=env.layout.encoding,
             stigmergy=env.layout.stigmergy,
             names=env.layout.names,
-            pheromone=PheromoneCard(**asdict(env.pheromone)),
+            pheromone=PheromoneCard(**env.config.pheromone.model_dump()),
         ),
         actions=env.layout.actions,
         num_actions=env.num_actions,

@@ -40,7 +40,7 @@ def evaluate(
     """
     delivered: list[tuple[int, ...]] = []
     collisions: list[int] = []
-    # The last decision's collisions are read after it, so the next episode must not begin by itself.
+    # Who watches reads the last decision after it, so the next episode must not begin by itself.
     autoreset, env.autoreset = env.autoreset, False
     try:
         while len(delivered) < episodes:
@@ -50,8 +50,9 @@ def evaluate(
                 one.begin(env)
             collided = np.zeros(env.num_envs, dtype=np.int64)
             for _ in range(env.episode_steps):
-                observation = env.step(controller.act(env, observation)).observation
-                collided += env.dec_pomdp.collided.sum(axis=1)
+                transition = env.step(controller.act(env, observation))
+                observation = transition.final_observation
+                collided += transition.collided.sum(axis=1)
                 for one in watch:
                     one.step(env)
             for one in watch:

@@ -42,7 +42,7 @@ def check_fit(policy: Policy, env: VectorEnv, name: str) -> None:
             ("observation encoding", card.observation.encoding, layout.encoding),
             ("stigmergy", card.observation.stigmergy, layout.stigmergy),
             *(
-                (f"pheromone {field}", value, getattr(env.pheromone, field))
+                (f"pheromone {field}", value, getattr(env.config.pheromone, field))
                 for field, value in card.observation.pheromone.model_dump().items()
                 if card.observation.stigmergy
             ),

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.shipped import shipped_folder
 from robosim.control.card import PolicyCard, card_text, read_card, read_limited
-from robosim.discretise.observation import mask_closed_ways, progress_columns
+from robosim.discretise.observation import gain_columns, mask_blocked_moves
 from robosim.errors import InputError, nearest_names
 
 WEIGHTS_FILE = "policy.safetensors"
@@ -55,7 +55,7 @@ class Policy:
         self._weights = [np.ascontiguousarray(weight) for weight, _ in stored]
         self._biases = [bias[:, None] for _, bias in stored]
         self._progress = (
-            progress_columns(card.observation.names, card.actions) if card.technique.action_mask else None
+            gain_columns(card.observation.names, card.actions) if card.technique.action_mask else None
         )
 
     @property
@@ -97,7 +97,7 @@ class Policy:
                 hidden /= np.sqrt(square + np.float32(LEAST_SQUARE))
         values = (hidden @ self._weights[-1] + self._biases[-1]).swapaxes(0, 1)
         values = values.reshape(*inputs.shape[:-1], self.card.num_actions)
-        return mask_closed_ways(values, inputs, self._progress)
+        return mask_blocked_moves(values, inputs, self._progress)
 
     def _checked(self, observation: ArrayLike) -> NDArray[np.float32]:
         size = len(self.card.observation.names)

@@ -63,7 +63,7 @@ class Grid:
         return np.asarray(self._per_length.take(cell).sum(axis=1))
 
 
-def progress_table(grid: Grid, arena: Arena) -> Floats:
+def gain_table(grid: Grid, arena: Arena) -> Floats:
     """Return how much nearer the neighbours of each cell are to the goals, [cells, 8], in cells, -1 to 1.
 
     To home for the neighbours N, S, W and E, then to the source; a wall counts as -1.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,9 @@ ENCODINGS: tuple[Encoding, ...] = ("paper", "expanded")
 COLLISIONS_FULL = 20
 """Collisions since the last change of mode at which that number is 1 and stays there."""
 IN_PLACE_CYCLE = 20
-"""Decisions without making way after which that number begins anew: a policy that answers every observation
+"""Decisions without displacement after which that number begins anew: a policy that answers every observation
 with one action stands still for ever once nothing that it observes changes, so one number always does."""
+_Array = TypeVar("_Array", bound=Any)
 _COMPASS = ("N", "S", "W", "E", "NW", "NE", "SW", "SE")
 
 
@@ -49,8 +50,8 @@ class ObservationLayout:
         if self.encoding == "expanded":
             own += ["offset in cell x", "offset in cell y", "laden"]
             own += [f"free {side}" for side in _COMPASS]
-            own += [f"progress home {side}" for side in _COMPASS[:4]]
-            own += [f"progress to source {side}" for side in _COMPASS[:4]]
+            own += [f"gain home {side}" for side in _COMPASS[:4]]
+            own += [f"gain source {side}" for side in _COMPASS[:4]]
             own += ["pellet seen", "pellet x", "pellet y", "in place"]
         if self.stigmergy:
             side = range(-self.radius, self.radius + 1)
@@ -74,7 +75,7 @@ class ObservationLayout:
         signed = {"heading", "heading sine", "heading cosine", "offset in cell x", "offset in cell y"}
         signed |= {"pellet x", "pellet y"}
         return np.array(
-            [-1.0 if name in signed or name.startswith("progress") else 0.0 for name in self.names],
+            [-1.0 if name in signed or name.startswith("gain") else 0.0 for name in self.names],
             dtype=np.float32,
         )
 
@@ -84,14 +85,14 @@ class ObservationLayout:
         return np.ones(self.size, dtype=np.float32)
 
 
-def progress_columns(names: Sequence[str], actions: ActionKind) -> tuple[int, int] | None:
-    """Return where the progress that N, S, W and E make begins in an observation: home, and to the source.
+def gain_columns(names: Sequence[str], actions: ActionKind) -> tuple[int, int] | None:
+    """Return where the gains of N, S, W and E begin in an observation: toward home, and toward the source.
 
     `names` are those of its numbers. None where they do not hold it, or actions are not cardinal.
     """
     columns = []
-    for goal in ("home", "to source"):
-        four = [f"progress {goal} {side}" for side in _COMPASS[:4]]
+    for goal in ("home", "source"):
+        four = [f"gain {goal} {side}" for side in _COMPASS[:4]]
         first = names.index(four[0]) if four[0] in names else len(names)
         if actions != "cardinal" or list(names[first : first + 4]) != four:
             return None
@@ -99,26 +100,28 @@ def progress_columns(names: Sequence[str], actions: ActionKind) -> tuple[int, in
     return columns[0], columns[1]
 
 
-def closed_ways(observation: NDArray[np.float32], columns: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return which of the actions N, S, W and E are closed, [..., 4], for `observation` [..., size].
+def blocked_moves(observation: _Array, columns: tuple[int, int]) -> _Array:
+    """Return which of the moves N, S, W and E are blocked, [..., 4], for `observation` [..., size].
 
-    A way is closed when it loses a whole cell toward both goals: it ends at a wall, or leads straight away
-    from all that there is to do. `columns` come from `progress_columns`.
+    A move is blocked when it loses a whole cell toward both goals: it ends at a wall, or leads straight away
+    from all that there is to do. `columns` come from `gain_columns`; numpy arrays and torch tensors serve.
     """
     home, source = columns
-    closed = (observation[..., home : home + 4] <= -1.0) & (observation[..., source : source + 4] <= -1.0)
-    return np.asarray(closed)
+    blocked: _Array = (observation[..., home : home + 4] <= -1.0) & (
+        observation[..., source : source + 4] <= -1.0
+    )
+    return blocked
 
 
-def mask_closed_ways(
+def mask_blocked_moves(
     values: NDArray[np.float32], observation: NDArray[np.float32], columns: tuple[int, int] | None
 ) -> NDArray[np.float32]:
-    """Set the values [..., actions] of closed ways to minus infinity, in place, and return them.
+    """Set the values [..., actions] of blocked moves to minus infinity, in place, and return them.
 
-    `observation` is [..., size]; `columns` come from `progress_columns`, and without them all ways are open.
+    `observation` is [..., size]; `columns` come from `gain_columns`, and without them no move is blocked.
     """
     if columns is not None:
-        values[..., :4][closed_ways(observation, columns)] = -np.inf
+        values[..., :4][blocked_moves(observation, columns)] = -np.inf
     return values
 
 
@@ -129,8 +132,8 @@ class OwnState:
     mode: NDArray[np.uint8]
     """With collisions overlaid."""
     laden: NDArray[np.bool_]
-    place: NDArray[np.float64]
-    """[envs, robots, 2] position over the arena's size, 0 to 1."""
+    position: NDArray[np.float64]
+    """[envs, robots, 2] over the arena's size, 0 to 1."""
     heading: NDArray[np.float64]
     """rad."""
     offset: NDArray[np.float64]
@@ -141,10 +144,10 @@ class OwnState:
     distances: NDArray[np.float64]
     """[envs, robots, 2] to home and source over the largest in the arena, 0 to 1."""
     in_place: NDArray[np.int64]
-    """Decisions without making way."""
+    """Decisions without displacement."""
     free_neighbours: NDArray[np.bool_] | None
     """[envs, robots, 8] neither wall nor robot; only the expanded encoding needs it."""
-    progress: NDArray[np.float64] | None
+    gain: NDArray[np.float64] | None
     """[envs, robots, 8] how much nearer the cells to N, S, W and E are to home, and then to the source, in
     cells, -1 for walls; only the expanded encoding needs it."""
     pellet: NDArray[np.float64] | None
@@ -164,14 +167,14 @@ def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.fl
     crowd = np.minimum(own.collisions * (1.0 / COLLISIONS_FULL), 1.0)
     if layout.encoding == "paper":
         out[..., 0] = own.mode * (1.0 / (len(Mode) - 1))
-        out[..., 1:3] = own.place
+        out[..., 1:3] = own.position
         out[..., 3] = own.heading * (1.0 / np.pi)
         out[..., 4] = own.previous_action * (1.0 / (NUM_ACTIONS - 1))
         out[..., 5] = crowd
         out[..., 6:8] = own.distances
         return 8
     out[..., 0:7] = _MODE_CODES.take(own.mode, axis=0)
-    out[..., 7:9] = own.place
+    out[..., 7:9] = own.position
     out[..., 9] = np.sin(own.heading)
     out[..., 10] = np.cos(own.heading)
     out[..., 11:16] = _ACTION_CODES.take(own.previous_action, axis=0)
@@ -181,7 +184,7 @@ def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.fl
     out[..., 21] = own.laden
     end = 22 + len(NEIGHBOURS)
     out[..., 22:end] = own.free_neighbours
-    out[..., end : end + 8] = own.progress
+    out[..., end : end + 8] = own.gain
     out[..., end + 8 : end + 11] = own.pellet
     out[..., end + 11] = own.in_place % IN_PLACE_CYCLE * (1.0 / IN_PLACE_CYCLE)
     return end + 12

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from numbers import Integral, Real
-
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from robosim.discretise.cells import Grid
-from robosim.errors import InputError
+from robosim.records import Record
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -27,41 +25,24 @@ LARGEST_RADIUS = 200
 """As many cells as the largest map has on a side."""
 
 
-@dataclass(frozen=True, slots=True)
-class PheromoneConfig:
-    """Constants of the map; the paper leaves their values open. Raises InputError for values out of range."""
+class PheromoneConfig(Record):
+    """Constants of the map; the paper leaves their values open."""
 
-    decay: float = 0.1
-    """alpha: the share of the occupancy that is lost in a decision."""
-    reinforcement: float = 0.1
+    decay: float = Field(default=0.1, ge=SLOWEST, le=1)
+    """alpha: the share of the pheromone that is lost in a decision."""
+    reinforcement: float = Field(default=0.1, ge=SLOWEST, le=1)
     """beta: what a visit adds to the occupancy of a cell in a decision."""
-    initial: float = 0.0
+    initial: float = Field(default=0.0, ge=0, le=1)
     """rho_0: the occupancy of every free cell when an episode begins."""
-    diffusion: float = 0.02
+    diffusion: float = Field(default=0.02, ge=0, le=FASTEST_DIFFUSION)
     """The share of the difference that flows between neighbouring cells in a decision."""
-    radius: int = 2
+    radius: int = Field(default=2, ge=0, le=LARGEST_RADIUS)
     """Field of view: a robot reads the cells up to this many rows and columns away."""
-
-    def __post_init__(self) -> None:
-        _check("decay", self.decay, SLOWEST, 1)
-        _check("reinforcement", self.reinforcement, SLOWEST, 1)
-        _check("initial", self.initial, 0, 1)
-        _check("diffusion", self.diffusion, 0, FASTEST_DIFFUSION)
-        _check("radius", self.radius, 0, LARGEST_RADIUS, whole=True)
 
     @property
     def saturation(self) -> float:
         """Occupancy of a cell that is visited without end, beta / alpha."""
         return self.reinforcement / self.decay
-
-
-def _check(name: str, value: object, low: float, high: float, *, whole: bool = False) -> None:
-    kind = Integral if whole else Real
-    if isinstance(value, bool) or not isinstance(value, kind) or not low <= float(value) <= high:
-        numbers = "whole numbers" if whole else "numbers"
-        raise InputError(
-            f"pheromone.{name}: {value!r} is not allowed; allowed are {numbers} from {low:g} to {high:g}."
-        )
 
 
 class PheromoneMap:

@@ -2,57 +2,66 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
+
+from robosim.records import Record
 
 RewardKind = Literal["local", "global"]
 REWARD_KINDS: tuple[RewardKind, ...] = ("local", "global")
 Sharing = Literal["copied", "split"]
 
+_LARGEST = 1e6
+_WEIGHTS = ("distance_weight", "collision_weight", "pickup_weight", "delivery_weight")
 
 CLOSER_SHARE = 0.1
-"""Progress toward the goal that counts as closer, as a share of a decision's way at top speed."""
+"""Distance gained toward the goal that counts as closer, as a share of what top speed gains."""
 
 
-@dataclass(frozen=True, slots=True)
-class RewardConfig:
+class RewardConfig(Record):
     """Signals and weights (the paper's section on the reward function)."""
+
+    short_names = {"kind": "reward"} | {
+        name: name for name in ("sharing", "signed_distance", "idle_cost", *_WEIGHTS)
+    }
 
     kind: RewardKind = "global"
     """`global` shares pickups and deliveries with the whole team, `local` keeps them to the robot."""
     sharing: Sharing = "copied"
-    """How a global reward is shared: every robot gets the same full value, or an equal part of it.
-
-    The paper says both; `copied` is the default because its clarifying sentence says so ("assigns
-    the same reward value to all agents") and because the signal does not shrink with the team.
-    """
-    signed_progress: bool = False
-    """Pay for progress toward the goal by its length, and charge as much for losing ground.
-
-    The paper pays a fixed sum for any decision that brings the robot closer, and nothing for one that takes
-    it away, so a robot that goes to and fro is paid every other decision for nothing.
-    """
+    """How a global reward is shared: every robot gets the same full value (`copied`), or an equal part of it
+    (`split`)."""
+    # The paper says both; copied is the default because its clarifying sentence says so ("assigns the same
+    # reward value to all agents") and because the signal does not shrink with the team.
+    signed_distance: bool = False
+    """Pay for distance gained toward the goal by its length, and charge as much for distance lost; the paper
+    pays a fixed sum for any decision that brings a robot closer, so going to and fro is paid."""
     idle_cost: bool = False
-    """Charge a robot for every decision without making way what progress at top speed would have paid.
-
-    The paper fines collisions but not standing, so two robots that meet do best to wait for each other.
-    """
-    distance: float = 2.5
-    collision: float = -2.0
-    pickup: float = 50.0
-    delivery: float = 50.0
-    distance_weight: float = 0.2
-    collision_weight: float = 0.2
-    pickup_weight: float = 0.2
-    delivery_weight: float = 0.4
+    """Charge a robot for every decision without displacement what one at top speed would have paid; the paper
+    fines collisions but not standing, so two robots that meet do best to wait for each other."""
+    distance: float = Field(default=2.5, ge=-_LARGEST, le=_LARGEST)
+    """r_d: for a decision that brings the robot closer to its goal."""
+    collision: float = Field(default=-2.0, ge=-_LARGEST, le=_LARGEST)
+    """r_c: for touching another robot under way, unladen."""
+    pickup: float = Field(default=50.0, ge=-_LARGEST, le=_LARGEST)
+    """r_p: for taking a pellet that nobody has been paid for."""
+    delivery: float = Field(default=50.0, ge=-_LARGEST, le=_LARGEST)
+    """r_s: for a pellet brought home."""
+    distance_weight: float = Field(default=0.2, ge=0, le=_LARGEST)
+    """w_d."""
+    collision_weight: float = Field(default=0.2, ge=0, le=_LARGEST)
+    """w_c."""
+    pickup_weight: float = Field(default=0.2, ge=0, le=_LARGEST)
+    """w_p."""
+    delivery_weight: float = Field(default=0.4, ge=0, le=_LARGEST)
+    """w_s."""
 
 
 def rewards(
     config: RewardConfig,
-    progress: NDArray[np.float64],
+    gained: NDArray[np.float64],
     collided: NDArray[np.bool_],
     laden: NDArray[np.bool_],
     pickups: NDArray[np.int64],
@@ -61,10 +70,10 @@ def rewards(
 ) -> NDArray[np.float64]:
     """Return the rewards [envs, robots] of one decision, r = w_d r_d + w_c r_c + w_p r_p + w_s r_s.
 
-    All arguments are [envs, robots]: `progress` toward the goal as a share of a decision's way at top
-    speed, of which `CLOSER_SHARE` counts as closer, `collided` with
-    another robot, `laden` before the decision (laden robots are not penalised), first `pickups` of
-    pellets, `deliveries`, and whether it made no way (`idle`).
+    All arguments are [envs, robots]: the distance `gained` toward the goal as a share of what top speed gains
+    in a decision, of which `CLOSER_SHARE` counts as closer; `collided` with another robot; `laden` before the
+    decision (laden robots are not penalised); first `pickups` of pellets; `deliveries`; and whether the robot
+    was hardly displaced (`idle`).
     """
     team = (config.pickup_weight * config.pickup) * pickups
     team = team + (config.delivery_weight * config.delivery) * deliveries
@@ -73,7 +82,7 @@ def rewards(
         team = team.sum(axis=1, keepdims=True)
         if config.sharing == "split":
             team = team / robots
-    paid = np.clip(progress, -1.0, 1.0) if config.signed_progress else progress > CLOSER_SHARE
+    paid = np.clip(gained, -1.0, 1.0) if config.signed_distance else gained > CLOSER_SHARE
     own = (config.distance_weight * config.distance) * paid
     own = own + (config.collision_weight * config.collision) * (collided & ~laden)
     if config.idle_cost:

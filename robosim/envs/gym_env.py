@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from robosim.arena.model import Arena
 from robosim.control.controller import Controller, make_controller
 from robosim.envs.actions import checked_action
-from robosim.envs.options import EnvOptions
+from robosim.envs.config import EnvConfig
 from robosim.envs.render import Painter, checked_render_mode
+from robosim.envs.seeding import EpisodeSeed
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 
@@ -25,40 +26,44 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
     """`robosim/Excavation-v0`: the first robot of a team is yours, `others` drives the rest.
 
     `others` is the name of a scripted controller, the name or folder of a trained policy, or a
-    controller. Options are those of `EnvOptions`, but here the reward is `local` unless you say
-    otherwise: what others deliver tells one learner little of its own actions. Episodes end by
-    truncation after `episode_steps` decisions. The info has the pellets `delivered` by your robot and
-    by the team (`team_delivered`) so far. Wrong input raises InputError.
+    controller. `arena` and `fields` are those of `robosim.envs.config.env_config`, but here the reward is
+    `local` unless you say otherwise: what others deliver says little of one learner's own actions. Episodes
+    end by truncation after `episode_steps` decisions. The info has the pellets `delivered` by your robot
+    and by the team (`team_delivered`) so far, and the `seed`. Wrong input raises InputError.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
 
     def __init__(
         self,
-        arena: str | Path | Arena = "paper",
-        robots: int = 4,
+        arena: EnvConfig | Arena | str | Path | None = None,
         *,
         others: str | Path | Controller = "lanes",
         render_mode: str | None = None,
-        **options: Unpack[EnvOptions],
+        **fields: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
-        options.setdefault("reward", "local")
-        self._batch = VectorEnv(arena, robots=robots, num_envs=1, autoreset=False, **options)
+        if not isinstance(arena, EnvConfig):
+            fields.setdefault("reward", "local")
+        self._batch = VectorEnv(arena, num_envs=1, autoreset=False, **fields)
+        self._seed = EpisodeSeed(self._batch)
         self._others = make_controller(others) if isinstance(others, str | Path) else others
         layout = self._batch.layout
         self.observation_space = Box(layout.low, layout.high, dtype=np.float32)
         self.action_space = Discrete(self._batch.num_actions)
-        self._observation = np.zeros((1, robots, layout.size), dtype=np.float32)
+        self._observation = np.zeros((1, self._batch.robots, layout.size), dtype=np.float32)
         self._under_way = False
         self._painter = Painter(self._batch.arena)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; with a `seed` the same one every time. `options` are ignored."""
+        """Begin an episode; with a `seed` the same one every time. `options` are ignored.
+
+        The first episode without a seed has a fresh one; the info says which.
+        """
         super().reset(seed=seed)
-        self._observation = self._batch.reset(seed)
+        self._observation = self._seed.begin(seed)
         self._others.reset(self._batch)
         self._under_way = True
         return self._observation[0, 0].copy(), self._info()
@@ -92,4 +97,8 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
 
     def _info(self) -> dict[str, Any]:
         delivered = self._batch.delivered[0]
-        return {"delivered": int(delivered[0]), "team_delivered": int(delivered.sum())}
+        return {
+            "delivered": int(delivered[0]),
+            "team_delivered": int(delivered.sum()),
+            "seed": self._seed.seed,
+        }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Unpack
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box, Discrete
@@ -13,8 +13,9 @@ from pettingzoo import ParallelEnv
 
 from robosim.arena.model import Arena
 from robosim.envs.actions import checked_action
-from robosim.envs.options import EnvOptions
+from robosim.envs.config import EnvConfig
 from robosim.envs.render import Painter, checked_render_mode
+from robosim.envs.seeding import EpisodeSeed
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 
@@ -25,25 +26,25 @@ Infos = dict[str, dict[str, Any]]
 class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships no types
     """A team of excavating robots as a PettingZoo ParallelEnv; agents are `robot_0`, `robot_1` ...
 
-    `robosim.parallel_env(arena, robots=4, ...)` makes one. Options are those of `EnvOptions`. Every
-    agent acts in every step, with an integer from 0 to 4; all agents end together, by truncation
-    after `episode_steps` decisions. Each info has the pellets `delivered` by the robot so far.
-    Wrong input raises InputError.
+    `robosim.parallel_env(arena, robots=4, ...)` makes one; `arena` and `fields` are those of
+    `robosim.envs.config.env_config`. Every agent acts in every step, with an integer from 0 to 4; all agents
+    end together, by truncation after `episode_steps` decisions. Each info has the pellets `delivered` by the
+    robot so far, and the episode's `seed`. Wrong input raises InputError.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "robosim_excavation_v0", "render_modes": ["rgb_array"]}
 
     def __init__(
         self,
-        arena: str | Path | Arena = "paper",
-        robots: int = 4,
+        arena: EnvConfig | Arena | str | Path | None = None,
         *,
         render_mode: str | None = None,
-        **options: Unpack[EnvOptions],
+        **fields: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
-        self._batch = VectorEnv(arena, robots=robots, num_envs=1, autoreset=False, **options)
-        layout = self._batch.layout
+        self._batch = VectorEnv(arena, num_envs=1, autoreset=False, **fields)
+        self._seed = EpisodeSeed(self._batch)
+        layout, robots = self._batch.layout, self._batch.robots
         self.possible_agents = [f"robot_{robot}" for robot in range(robots)]
         self.agents: list[str] = []
         self.observation_spaces = {
@@ -63,8 +64,11 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, Infos]:
-        """Begin an episode; with a `seed` the same one every time. `options` are ignored."""
-        self._observation = self._batch.reset(seed)[0]
+        """Begin an episode; with a `seed` the same one every time. `options` are ignored.
+
+        The first episode without a seed has a fresh one; the infos say which.
+        """
+        self._observation = self._seed.begin(seed)[0]
         self.agents = self.possible_agents[:]
         return self._by_agent(self._observation), self._infos()
 
@@ -130,7 +134,11 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
 
     def _infos(self) -> Infos:
         delivered = self._batch.delivered[0].tolist()
-        return {agent: {"delivered": n} for agent, n in zip(self.possible_agents, delivered, strict=True)}
+        seed = self._seed.seed
+        return {
+            agent: {"delivered": number, "seed": seed}
+            for agent, number in zip(self.possible_agents, delivered, strict=True)
+        }
 
 
 parallel_env = ParallelExcavation

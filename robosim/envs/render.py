@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
 from robosim.episodes.frame import Frame
-from robosim.errors import InputError
+from robosim.errors import InputError, shown
 from robosim.robot.sheet import RobotSheet
 from robosim.world.state import PelletStatus
 
@@ -152,8 +152,8 @@ def outline_distance(sheet: RobotSheet, forward: _Floats, sideways: _Floats) -> 
 def checked_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> str | None:
     """Return `mode`; raises InputError when it is neither None nor one of the metadata's."""
     if mode is not None and mode not in metadata["render_modes"]:
-        allowed = ", ".join(metadata["render_modes"])
-        raise InputError(f"render_mode: {mode!r} is not allowed; allowed are None, {allowed}.")
+        allowed = " or ".join(map(shown, metadata["render_modes"]))
+        raise InputError(f"render_mode is {shown(mode)}, but must be None or {allowed}.")
     return mode
 
 

@@ -8,23 +8,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robosim.arena import Arena, load_arena
+from robosim.arena import Arena
 from robosim.discretise.dec_pomdp import DecPomdp
-from robosim.discretise.observation import ENCODINGS, Encoding, ObservationLayout
-from robosim.discretise.pheromone import PheromoneConfig
-from robosim.discretise.reward import REWARD_KINDS, RewardConfig, RewardKind, Sharing
+from robosim.envs.config import EnvConfig, env_config
 from robosim.episodes.frame import Frame
-from robosim.episodes.trajectory import MAX_PELLET_GRADIENT, Trajectory
-from robosim.errors import InputError
-from robosim.robot.drivers import ACTION_KINDS, NUM_ACTIONS, ActionKind
-from robosim.world.physics import PhysicsWorld
+from robosim.episodes.trajectory import Trajectory
+from robosim.errors import InputError, shown
+from robosim.robot.drivers import NUM_ACTIONS
+from robosim.world.factory import make_world
+from robosim.world.state import World
 
 MAX_ENVS = 4096
+MAX_SEED = 2**64 - 1
+_SENSING = 1
+"""Key of the seeds of an episode's sensors."""
 
 
 class Transition(NamedTuple):
@@ -42,6 +44,10 @@ class Transition(NamedTuple):
     """[envs, robots, size] what the step itself led to; differs from `observation` after an end."""
     final_delivered: NDArray[np.int64]
     """[envs, robots] pellets delivered in the episode up to this step."""
+    collided: NDArray[np.bool_]
+    """[envs, robots] touched another robot under way in this step."""
+    blocked: NDArray[np.bool_]
+    """[envs, robots] under way, in touch with something, and hardly moved in this step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,64 +74,37 @@ class VectorEnv:
 
     def __init__(
         self,
-        arena: str | Path | Arena,
+        base: EnvConfig | Arena | str | Path | None = None,
         *,
-        robots: int,
         num_envs: int = 1,
         seed: int | Sequence[int] = 0,
-        actions: ActionKind = "cardinal",
-        encoding: Encoding = "expanded",
-        stigmergy: bool = True,
-        reward: RewardKind = "global",
-        sharing: Sharing = "copied",
-        signed_progress: bool = False,
-        idle_cost: bool = False,
-        pellet_gradient: float = 0.0,
-        episode_steps: int | None = None,
-        pheromone: PheromoneConfig | None = None,
         autoreset: bool = True,
+        **fields: Any,
     ) -> None:
         """Read the arena and set up its worlds; nothing runs before `reset`.
 
-        `arena` is a name, a file or an arena already read; `seed` one number from which each
-        environment gets its own, or one number for each environment; `reward`, `sharing`,
-        `signed_progress` and `idle_cost` are explained in `RewardConfig`, `pellet_gradient` in
-        `draw_pellets`; `episode_steps` replaces the arena's length of an episode.
-        Raises InputError for values out of range.
+        `base` is a configuration or an arena, `fields` replace fields of it: see `env_config`. `seed` is one
+        number from which each environment gets its own, or one number for each environment. Raises
+        InputError for values out of range.
         """
-        self.arena = arena if isinstance(arena, Arena) else load_arena(arena)
-        self.robots = _integer("robots", robots, 1, self.arena.capacity)
-        self.num_envs = _integer("num_envs", num_envs, 1, MAX_ENVS)
-        self.num_actions = NUM_ACTIONS
-        steps = self.arena.timing.episode_steps if episode_steps is None else episode_steps
-        self.episode_steps = _integer("episode_steps", steps, 1, 100_000_000)
-        _one_of("actions", actions, ACTION_KINDS)
-        _one_of("encoding", encoding, ENCODINGS)
-        _one_of("reward", reward, REWARD_KINDS)
-        _one_of("sharing", sharing, ("copied", "split"))
-        _flag("stigmergy", stigmergy)
-        _flag("autoreset", autoreset)
-        _flag("signed_progress", signed_progress)
-        _flag("idle_cost", idle_cost)
-        self.pheromone = pheromone or PheromoneConfig()
-        """Constants of the pheromone map."""
-        self.layout = ObservationLayout(encoding, stigmergy, actions, self.pheromone.radius)
+        self.config, arena = env_config(base, **fields)
+        """What the environment is; with the arena's text."""
+        self.num_envs = _whole_number("num_envs", num_envs, 1, MAX_ENVS)
+        if not isinstance(autoreset, bool):
+            raise InputError(f"autoreset is {shown(autoreset)}, but must be True or False.")
         self.autoreset = autoreset
         self.seeds = self.seeds_from(seed)
-        self.reward_config = RewardConfig(
-            kind=reward, sharing=sharing, signed_progress=signed_progress, idle_cost=idle_cost
+        config = self.config
+        self.robots = config.robots
+        self.num_actions = NUM_ACTIONS
+        self.layout = config.layout
+        self._world = make_world(
+            config.world, arena, config.robots, self.num_envs, config.actions, config.pellet_gradient
         )
-        """What a decision pays."""
-        gradient = _number("pellet_gradient", pellet_gradient, 0.0, MAX_PELLET_GRADIENT)
-        self._world = PhysicsWorld(self.arena, self.robots, self.num_envs, actions, gradient)
-        self._dec = DecPomdp(
-            self.arena,
-            self.robots,
-            self.num_envs,
-            self.layout,
-            self.reward_config,
-            self.pheromone,
-        )
+        self.arena = self._world.arena
+        """The map, with the timing of the world."""
+        self.episode_steps = config.episode_steps or self.arena.timing.episode_steps
+        self._dec = DecPomdp(self._world, self.layout, config.reward, config.pheromone)
         self.episode = -1
         """Episodes begun before the current one; -1 before the first reset."""
         self.steps_taken = 0
@@ -136,8 +115,8 @@ class VectorEnv:
         self._history = np.empty((0, self.num_envs, self.robots), dtype=np.uint8)
 
     @property
-    def world(self) -> PhysicsWorld:
-        """The bodies: for controllers with full knowledge, reports and tests."""
+    def world(self) -> World:
+        """Where the robots and pellets are: for controllers with full knowledge, reports and tests."""
         return self._world
 
     @property
@@ -159,14 +138,16 @@ class VectorEnv:
     def _begin(self, episode: int) -> NDArray[np.float32]:
         self.episode = episode
         self._world.reset([np.random.SeedSequence(seed, spawn_key=(episode,)) for seed in self.seeds])
-        self._dec.reset(self._world.state)
+        # Of their own: whether sensors draw must not change what the world draws.
+        sensing = [np.random.SeedSequence(seed, spawn_key=(episode, _SENSING)) for seed in self.seeds]
+        self._dec.reset(self._world.state, sensing)
         self.steps_taken = 0
         self.delivered = np.zeros_like(self.delivered)
         self._reward = np.zeros_like(self._reward)
         if len(self._history) < self.episode_steps:
             # Grows with use, for an episode may be set so long that it never ends.
             self._history = np.empty((min(self.episode_steps, 1024), self.num_envs, self.robots), np.uint8)
-        return self._dec.observe(self._world.state)
+        return self._dec.observe()
 
     def step(self, actions: ArrayLike) -> Transition:
         """Advance every environment by one decision with actions [envs, robots]; see `Transition`.
@@ -192,8 +173,10 @@ class VectorEnv:
         self._reward = dec.update(chosen, world.state).astype(np.float32)
         self.delivered = self.delivered + world.state.deliveries
         self.steps_taken += 1
-        final = dec.observe(world.state)
-        delivered, reward = self.delivered, self._reward
+        final = dec.observe()
+        # Before the next episode begins and clears them.
+        delivered, reward, truth = self.delivered, self._reward, dec.truth
+        collided, blocked = truth.collided, truth.blocked
         ended = self.steps_taken == self.episode_steps
         observation = self._begin(self.episode + 1) if ended and self.autoreset else final
         return Transition(
@@ -203,6 +186,8 @@ class VectorEnv:
             np.full(self.num_envs, ended),
             final,
             delivered,
+            collided,
+            blocked,
         )
 
     def frame(self, env: int = 0) -> Frame:
@@ -263,29 +248,22 @@ class VectorEnv:
     def trajectory(self, env: int = 0, *, policy: str = "") -> Trajectory:
         """Return the current episode of one environment so far, as seed and actions; `policy` chose them."""
         return Trajectory(
-            arena=self.arena.text,
-            actions=self.layout.actions,
+            config=self.config,
             seed=self.seeds[env],
             episode=self.episode,
             chosen=self._history[: self.steps_taken, env].copy(),
-            pheromone=self.pheromone,
-            reward=self.reward_config.kind,
-            sharing=self.reward_config.sharing,
-            signed_progress=self.reward_config.signed_progress,
-            idle_cost=self.reward_config.idle_cost,
-            pellet_gradient=self._world.pellet_gradient,
             policy=policy,
         )
 
     def seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:
         """Return the seed of each environment, for one number or one each; InputError for anything else."""
         if not isinstance(seed, (list, tuple, range, np.ndarray)):
-            root = np.random.SeedSequence(_integer("seed", seed, 0, 2**64 - 1))
+            root = np.random.SeedSequence(_whole_number("seed", seed, 0, MAX_SEED))
             return tuple(int(one) for one in root.generate_state(self.num_envs, np.uint64))
-        seeds = tuple(_integer("seed", one, 0, 2**64 - 1) for one in seed)
+        seeds = tuple(_whole_number("seed", one, 0, MAX_SEED) for one in seed)
         if len(seeds) != self.num_envs:
             raise InputError(
-                f"seed: {len(seeds)} given, allowed are one, or one for each of {self.num_envs} envs."
+                f"seed has {len(seeds)} numbers, but must be one, or one for each of {self.num_envs} envs."
             )
         return seeds
 
@@ -312,24 +290,7 @@ def checked_actions(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[np.in
     return array.astype(np.int64)
 
 
-def _integer(name: str, value: object, low: int, high: int) -> int:
+def _whole_number(name: str, value: object, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
-        raise InputError(f"{name}: {value!r} is not allowed; allowed are whole numbers from {low} to {high}.")
+        raise InputError(f"{name} is {shown(value)}, but must be a whole number from {low} to {high}.")
     return int(value)
-
-
-def _number(name: str, value: object, low: float, high: float) -> float:
-    is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    if not is_number or not low <= value <= high:  # type: ignore[operator]
-        raise InputError(f"{name}: {value!r} is not allowed; allowed are numbers from {low:g} to {high:g}.")
-    return float(value)  # type: ignore[arg-type]
-
-
-def _flag(name: str, value: object) -> None:
-    if not isinstance(value, (bool, np.bool_)):
-        raise InputError(f"{name}: {value!r} is not allowed; allowed are True and False.")
-
-
-def _one_of(name: str, value: object, allowed: Sequence[str]) -> None:
-    if value not in allowed:
-        raise InputError(f"{name}: {value!r} is not allowed; allowed are {', '.join(allowed)}.")

@@ -13,38 +13,38 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, Self, Unpack
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.model import Arena
-from robosim.envs.options import EnvOptions
-from robosim.envs.vector import Transition, VectorEnv, checked_actions
+from robosim.envs.config import EnvConfig
+from robosim.envs.vector import Snapshot, Transition, VectorEnv, checked_actions
 from robosim.episodes.frame import Frame
-from robosim.errors import InputError
+from robosim.errors import InputError, shown
 
 _PATIENCE = 5.0
 """Time that a worker is given to end by itself, s."""
 
 
 def vector_env(
-    arena: str | Path | Arena,
+    arena: EnvConfig | Arena | str | Path | None = None,
     *,
-    robots: int,
     num_envs: int = 1,
     seed: int | Sequence[int] = 0,
     workers: int = 1,
-    **options: Unpack[EnvOptions],
+    **fields: Any,
 ) -> VectorEnv | WorkerVectorEnv:
     """Return a batch of environments: arrays [envs, robots, ...], each beginning anew by itself at its end.
 
+    `arena` is a configuration or an arena, `fields` replace fields of it, as in `env_config`.
     With `workers` above 1 the environments are shared out to that many processes, with the same
     numbers to the bit; use it as a context manager, or call close(). Raises InputError.
     """
     if workers == 1 and not isinstance(workers, bool):
-        return VectorEnv(arena, robots=robots, num_envs=num_envs, seed=seed, **options)
-    return WorkerVectorEnv(arena, robots=robots, num_envs=num_envs, seed=seed, workers=workers, **options)
+        return VectorEnv(arena, num_envs=num_envs, seed=seed, **fields)
+    return WorkerVectorEnv(arena, num_envs=num_envs, seed=seed, workers=workers, **fields)
 
 
 @dataclass(frozen=True)
@@ -63,25 +63,27 @@ class WorkerVectorEnv:
 
     def __init__(
         self,
-        arena: str | Path | Arena,
+        arena: EnvConfig | Arena | str | Path | None = None,
         *,
-        robots: int,
         num_envs: int,
         seed: int | Sequence[int] = 0,
         workers: int,
-        **options: Unpack[EnvOptions],
+        **fields: Any,
     ) -> None:
         # Wrong input is found here, before any process is spawned, in the words of VectorEnv.
-        sample = VectorEnv(arena, robots=robots, num_envs=num_envs, seed=seed, **options)
+        sample = VectorEnv(arena, num_envs=num_envs, seed=seed, **fields)
         if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= num_envs:
-            raise InputError(f"workers: {workers!r} is not allowed; allowed are 1 to num_envs = {num_envs}.")
+            raise InputError(
+                f"workers is {shown(workers)}, but must be a whole number from 1 to num_envs, {num_envs}."
+            )
         self.seeds_from = sample.seeds_from
+        self.config = sample.config
         self.arena = sample.arena
         self.layout = sample.layout
         self.num_actions = sample.num_actions
         self.episode_steps = sample.episode_steps
         self.num_envs = num_envs
-        self.robots = robots
+        self.robots = robots = sample.robots
         context = multiprocessing.get_context("spawn")
         kinds = _kinds(num_envs, robots, self.layout.size)
         self._memory = {name: context.RawArray(ctypes.c_char, kind.itemsize) for name, kind in kinds.items()}
@@ -93,7 +95,7 @@ class WorkerVectorEnv:
         self._close = weakref.finalize(self, _end, self._pipes, self._processes)
         for share in self._shares:
             ours, theirs = context.Pipe()
-            own = dict(options, arena=self.arena, robots=robots, seed=sample.seeds[share])
+            own = {"base": self.config, "seed": sample.seeds[share]}
             process = context.Process(
                 target=_work, args=(theirs, self._memory, kinds, share, own), daemon=True
             )
@@ -101,14 +103,14 @@ class WorkerVectorEnv:
             theirs.close()
             self._pipes.append(ours)
             self._processes.append(process)
-        self._collect()
+        self._answers()
 
     def reset(self, seed: int | Sequence[int] | None = None) -> NDArray[np.float32]:
         """Begin an episode in every environment; returns the observations [envs, robots, size]."""
         seeds = None if seed is None else self.seeds_from(seed)
         for worker, share in enumerate(self._shares):
             self._send(worker, ("reset", None if seeds is None else seeds[share]))
-        self._collect()
+        self._answers()
         return self._copy("observation")
 
     def step(self, actions: ArrayLike) -> Transition:
@@ -116,8 +118,29 @@ class WorkerVectorEnv:
         self._arrays["actions"][:] = checked_actions(actions, (self.num_envs, self.robots))
         for worker in range(len(self._shares)):
             self._send(worker, ("step", None))
-        self._collect()
+        self._answers()
         return Transition(**{name: self._copy(name) for name in Transition._fields})
+
+    def snapshot(self) -> Snapshot:
+        """Return the present moment, as that of a `VectorEnv` of the same environments."""
+        for worker in range(len(self._shares)):
+            self._send(worker, ("snapshot", None))
+        parts = self._answers()
+        seeds = tuple(seed for part in parts for seed in part.seeds)
+        return Snapshot(seeds, parts[0].episode, np.concatenate([part.actions for part in parts], axis=1))
+
+    def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
+        """Return to a moment, exact to the last bit; returns the observations [envs, robots, size]."""
+        if snapshot.actions.shape[1:] != (self.num_envs, self.robots):
+            raise InputError(
+                f"snapshot: it holds [envs, robots] = {list(snapshot.actions.shape[1:])}, "
+                f"this environment has [{self.num_envs}, {self.robots}]."
+            )
+        for worker, share in enumerate(self._shares):
+            part = Snapshot(snapshot.seeds[share], snapshot.episode, snapshot.actions[:, share])
+            self._send(worker, ("restore", part))
+        self._answers()
+        return self._copy("observation")
 
     @property
     def delivered(self) -> NDArray[np.int64]:
@@ -132,7 +155,7 @@ class WorkerVectorEnv:
                 frame: Frame = self._receive(worker)
                 contacts = replace(frame.contacts, env=np.full_like(frame.contacts.env, env))
                 return replace(frame, contacts=contacts)
-        raise InputError(f"frame: env must be an integer from 0 to {self.num_envs - 1}, not {env!r}.")
+        raise InputError(f"env is {shown(env)}, but must be a whole number from 0 to {self.num_envs - 1}.")
 
     def close(self) -> None:
         """End the processes; nothing can be done with this object afterwards."""
@@ -144,18 +167,19 @@ class WorkerVectorEnv:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _collect(self) -> None:
+    def _answers(self) -> list[Any]:
         """Wait for every worker, so that no answer is left over; then raise what failed first."""
-        failures = []
+        failures, answers = [], []
         for worker in range(len(self._shares)):
             try:
-                self._receive(worker)
+                answers.append(self._receive(worker))
             except (InputError, RuntimeError) as error:
                 failures.append(error)
             if not self._close.alive:
                 break
         if failures:
             raise failures[0]
+        return answers
 
     def _send(self, worker: int, message: tuple[str, object]) -> None:
         if not self._close.alive:
@@ -198,6 +222,8 @@ def _kinds(num_envs: int, robots: int, size: int) -> dict[str, np.dtype[Any]]:
         "truncated": np.dtype((np.bool_, each)),
         "final_observation": np.dtype((np.float32, per_number)),
         "final_delivered": np.dtype((np.int64, per_robot)),
+        "collided": np.dtype((np.bool_, per_robot)),
+        "blocked": np.dtype((np.bool_, per_robot)),
         "delivered": np.dtype((np.int64, per_robot)),
     }
 
@@ -232,6 +258,10 @@ def _work(
             elif command == "step":
                 for name, value in env.step(arrays["actions"])._asdict().items():
                     arrays[name][:] = value
+            elif command == "restore":
+                arrays["observation"][:] = env.restore(argument)
+            elif command == "snapshot":
+                answer = env.snapshot()
             elif command == "frame":
                 answer = env.frame(argument)
             arrays["delivered"][:] = env.delivered

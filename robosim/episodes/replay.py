@@ -30,22 +30,11 @@ def begun(trajectory: Trajectory, source: str = "trajectory") -> VectorEnv:
     decisions = len(trajectory.chosen)
     if decisions == 0:
         raise InputError(f"{source}: it holds no decisions.")
-    arena = parse_arena(trajectory.arena, source)
+    # As text alone: a stranger's file must not name a file of this machine.
+    arena = parse_arena(trajectory.config.arena, source)
+    config = trajectory.config.changed(episode_steps=decisions)
     try:
-        env = VectorEnv(
-            arena,
-            robots=trajectory.robots,
-            actions=trajectory.actions,
-            seed=[trajectory.seed],
-            reward=trajectory.reward,
-            sharing=trajectory.sharing,
-            signed_progress=trajectory.signed_progress,
-            idle_cost=trajectory.idle_cost,
-            pellet_gradient=trajectory.pellet_gradient,
-            episode_steps=decisions,
-            pheromone=trajectory.pheromone,
-            autoreset=False,
-        )
+        env = VectorEnv(config, arena=arena, seed=[trajectory.seed], autoreset=False)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     env.restore(Snapshot(env.seeds, trajectory.episode, trajectory.chosen[:0, None]))

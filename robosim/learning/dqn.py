@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from robosim.discretise.observation import mask_closed_ways
+from robosim.discretise.observation import mask_blocked_moves
 from robosim.errors import InputError
 from robosim.learning.networks import (
     CPU,
@@ -49,7 +49,7 @@ class DqnSettings:
     reward_scale: float
     """Factor on rewards before learning; it brings action values near 1, where the network starts."""
     progress: tuple[int, int] | None = None
-    """Where observations tell closed ways (`progress_columns`), which are not chosen; None for no mask."""
+    """Where observations tell closed ways (`gain_columns`), which are not chosen; None for no mask."""
 
 
 class StackedDoubleDQN:
@@ -113,7 +113,7 @@ class StackedDoubleDQN:
         drawn = self._explore.integers(self.shape.outputs, size=shape)
         if explores.all():
             return drawn
-        values = mask_closed_ways(self.values(observation), observation, self.settings.progress)
+        values = mask_blocked_moves(self.values(observation), observation, self.settings.progress)
         return np.where(explores, drawn, values.argmax(axis=-1))
 
     def update(self, learning_rate: float) -> None:

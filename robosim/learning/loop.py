@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from robosim.discretise.observation import mask_closed_ways
+from robosim.discretise.observation import mask_blocked_moves
 from robosim.envs.vector import Transition
 from robosim.learning.config import TrainConfig
 from robosim.learning.curriculum import Stage
@@ -28,19 +28,12 @@ Weights = Mapping[str, NDArray[np.float32]]
 """Named as in a policy folder: `layer0.weight` [robots, in, out], `layer0.bias` [robots, out] and so on."""
 
 
-class _Discretised(Protocol):
-    collided: NDArray[np.bool_]
-    blocked: NDArray[np.bool_]
-
-
 class Environment(Protocol):
     """What the loop needs of a batch of environments; VectorEnv has it."""
 
     num_envs: int
     robots: int
 
-    @property
-    def dec_pomdp(self) -> _Discretised: ...
     def reset(self) -> NDArray[np.float32]: ...
     def step(self, actions: NDArray[np.int64]) -> Transition: ...
 
@@ -65,7 +58,7 @@ class FrozenTeam:
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.int64]:
         """Return actions [envs, robots] for `observation` [envs, robots, size]."""
-        values = mask_closed_ways(self._values(observation), observation, self._progress)
+        values = mask_blocked_moves(self._values(observation), observation, self._progress)
         return np.asarray(values.argmax(axis=2), dtype=np.int64)
 
 
@@ -166,8 +159,13 @@ class StageLoop:
             parts = [as_one_robot(part) for part in complete] if self._shares else complete
             self.learner.replay.add(*parts)
         self._observation = transition.observation
-        dec = self.env.dec_pomdp
-        self.log.add(reward, transition.final_delivered, transition.truncated, dec.collided, dec.blocked)
+        self.log.add(
+            reward,
+            transition.final_delivered,
+            transition.truncated,
+            transition.collided,
+            transition.blocked,
+        )
 
     def state(self) -> dict[str, Tensor]:
         """Return the tensors of which the stage goes on, but for the environments' and the replay's."""

@@ -18,7 +18,7 @@ class Technique:
     """Robots see the pheromone map around them."""
     curriculum: bool
     """Newcomers join one at a time, while the robots before them stay frozen."""
-    signed_progress: bool = False
+    signed_distance: bool = False
     """Losing ground costs what gaining it pays; the paper pays for gains alone, so going to and fro pays."""
     idle_cost: bool = False
     """A decision without making way costs what one at top speed pays; the paper fines robots that meet, but
@@ -50,14 +50,14 @@ TECHNIQUES = {
         # IQL+GSC in the paper's tables.
         Technique("smadrl", global_reward=True, stigmergy=True, curriculum=True),
         # Ours, not the paper's: without the noise of what others earn, and with no pay for dithering.
-        Technique("iql+s", global_reward=False, stigmergy=True, curriculum=False, signed_progress=True),
-        Technique("iql+sc", global_reward=False, stigmergy=True, curriculum=True, signed_progress=True),
+        Technique("iql+s", global_reward=False, stigmergy=True, curriculum=False, signed_distance=True),
+        Technique("iql+sc", global_reward=False, stigmergy=True, curriculum=True, signed_distance=True),
         Technique(
             "ps-dqn",
             global_reward=False,
             stigmergy=True,
             curriculum=False,
-            signed_progress=True,
+            signed_distance=True,
             idle_cost=True,
             parameter_sharing=True,
             normalised=True,

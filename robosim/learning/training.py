@@ -16,7 +16,7 @@ from robosim.arena import load_arena
 from robosim.control.card import StageCard
 from robosim.control.learned import check_fit
 from robosim.control.policy import Policy, load_policy
-from robosim.discretise.observation import progress_columns
+from robosim.discretise.observation import gain_columns
 from robosim.envs.vector import Snapshot, VectorEnv
 from robosim.errors import InputError
 from robosim.learning.checkpoint import Checkpoint, read_part, write_checkpoint, write_part
@@ -265,7 +265,7 @@ def make_env(
         stigmergy=technique.stigmergy,
         reward="global" if technique.global_reward else "local",
         sharing=config.sharing,
-        signed_progress=technique.signed_progress,
+        signed_distance=technique.signed_distance,
         idle_cost=technique.idle_cost,
         pellet_gradient=config.pellet_gradient if steps is None else 0.0,
         episode_steps=(config.episode_steps if steps is None else steps) or None,
@@ -298,7 +298,7 @@ def make_learner(
         target_interval=config.target_interval,
         replay_capacity=capacity * each,
         reward_scale=config.reward_scale,
-        progress=progress_columns(layout.names, config.actions) if technique.action_mask else None,
+        progress=gain_columns(layout.names, config.actions) if technique.action_mask else None,
     )
     try:
         return StackedDoubleDQN(shape, settings, seed, config.device, config.precision)

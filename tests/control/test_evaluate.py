@@ -20,7 +20,7 @@ def test_figures_are_those_of_the_episodes_themselves():
         transition = env.step(lanes.act(env, observation))
         observation = transition.observation
         if not transition.truncated.any():
-            collided += env.dec_pomdp.collided.sum(axis=1)
+            collided += env.dec_pomdp.truth.collided.sum(axis=1)
     assert evaluation.delivered == tuple(map(tuple, transition.final_delivered.tolist()))
     assert evaluation.mean > 0
     # The last decision's collisions are gone once the next episode has begun.

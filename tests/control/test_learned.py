@@ -104,5 +104,5 @@ def test_other_pheromones_are_refused_and_the_policys_own_are_given(fitting, wei
         driver.reset(env)
     assert str(caught.value).endswith(": pheromone decay was 0.2 in training and is 0.1 here.")
     own = environment_for(driver)
-    assert own.pheromone == PheromoneConfig(decay=0.2)
+    assert own.config.pheromone == PheromoneConfig(decay=0.2)
     driver.reset(own)

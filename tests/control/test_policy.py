@@ -90,10 +90,10 @@ def test_one_network_for_all_drives_a_team_of_any_size(tmp_path, card_of, weight
         policy.act(np.zeros(7))
 
 
-def test_closed_ways_are_worth_nothing_and_not_taken(card_of, weights_of):
+def test_blocked_moves_are_worth_nothing_and_not_taken(card_of, weights_of):
     names = [f"number {i}" for i in range(9)]
-    for first, goal in ((0, "home"), (4, "to source")):
-        names[first : first + 4] = [f"progress {goal} {side}" for side in "NSWE"]
+    for first, goal in ((0, "home"), (4, "source")):
+        names[first : first + 4] = [f"gain {goal} {side}" for side in "NSWE"]
     observed = ObservationCard(encoding="expanded", stigmergy=True, names=tuple(names))
     card = card_of(technique=TechniqueCard(**PLAIN, action_mask=True), observation=observed)
     free = card_of(observation=observed)
@@ -112,7 +112,7 @@ def test_closed_ways_are_worth_nothing_and_not_taken(card_of, weights_of):
     wheels = card_of(technique=card.technique, observation=observed, actions="wheels")
     assert (Policy(weights, wheels).values(observation) == unmasked).all()
     # Numbers that are not four and four in a row tell no ways.
-    for names in (observed.names[::-1], (*observed.names[1:], "progress home N"), ("a",) * 9):
+    for names in (observed.names[::-1], (*observed.names[1:], "gain home N"), ("a",) * 9):
         other = ObservationCard(encoding="expanded", stigmergy=True, names=names)
         odd = card_of(technique=card.technique, observation=other)
         assert (Policy(weights, odd).values(observation) == unmasked).all()

@@ -37,7 +37,7 @@ class Watched:
         for _ in range(decisions):
             actions.append(controller.act(self.env, observation))
             observation = self.env.step(actions[-1]).observation
-            self.collisions += self.env.dec_pomdp.collided.sum(axis=1)
+            self.collisions += self.env.dec_pomdp.truth.collided.sum(axis=1)
             self.zones.append(zones_of(self.env))
             laden, home = self.env.world.state.held >= 0, self.zones[-1] == Zone.HOME
             self.came_back += seeking & home & ~laden

@@ -172,7 +172,7 @@ class PlainDecPomdp:
                 robot.shown = COLLISION
             gain = to_home - robot.to_home if was_laden else to_source - robot.to_source
             signals = robot.collided, was_laden, pickups[index], deliveries[index], robot.in_place > 0
-            switches = {"signed": self.run.signed_progress, "idle_cost": self.run.idle_cost}
+            switches = {"signed": self.run.signed_distance, "idle_cost": self.run.idle_cost}
             rewards.append(reward_of(gain / (top * period), *signals, **switches))
         self.map.update([(robot.cell, robot.shown, robot.laden, robot.action) for robot in self.robots])
         return rewards
@@ -241,7 +241,7 @@ class PlainDecPomdp:
             seen[f"free {side}"] = float(self.zones[cell[1]][cell[0]] != WALL and cell not in others)
         for side in "NSWE":
             dx, dy = COMPASS[side]
-            for goal, name in enumerate(("progress home", "progress to source")):
+            for goal, name in enumerate(("gain home", "gain source")):
                 gain = self._to_goal(column, row)[goal] - self._to_goal(column + dx, row + dy)[goal]
                 wall = self.zones[row + dy][column + dx] == WALL
                 seen[f"{name} {side}"] = -1.0 if wall else max(-1.0, min(gain / size, 1.0))

@@ -70,7 +70,7 @@ class Run:
     num_envs: int
     reward: str
     sharing: str
-    signed_progress: bool
+    signed_distance: bool
     idle_cost: bool
     start: Moment
     moments: list[Moment] = field(default_factory=list)
@@ -100,8 +100,8 @@ def _moment(env: VectorEnv, actions: Any, observation: Any, reward: Any) -> Mome
         reward=reward,
         mode=np.stack([frame.mode for frame in frames]),
         bare_mode=dec.mode.copy(),
-        blocked=dec.blocked.copy(),
-        collided=dec.collided.copy(),
+        blocked=dec.truth.blocked.copy(),
+        collided=dec.truth.collided.copy(),
         collisions=dec.collisions.copy(),
         density=np.array([frame.density for frame in frames]),
         pheromone=np.stack([frame.pheromone for frame in frames]),
@@ -151,7 +151,7 @@ RUNS: dict[str, tuple[Any, int, float, dict[str, Any]]] = {
     ),
     "signed": (
         lambda: parse_arena(TINY, "tiny.toml"), 150, 0.3,
-        {"robots": 3, "reward": "local", "signed_progress": True, "idle_cost": True},
+        {"robots": 3, "reward": "local", "signed_distance": True, "idle_cost": True},
     ),
     "wheels": (lambda: parse_arena(TINY, "tiny.toml"), 150, 0.0, {"robots": 1, "actions": "wheels"}),
     "full house": (lambda: load_arena("paper"), 25, 0.2, {"robots": 35, "stigmergy": False}),
@@ -167,7 +167,7 @@ def recorded(name: str) -> Run:
         "pheromone": options.get("pheromone", PheromoneConfig()),
         "reward": options.get("reward", "global"),
         "sharing": options.get("sharing", "copied"),
-        "signed_progress": options.get("signed_progress", False),
+        "signed_distance": options.get("signed_distance", False),
         "idle_cost": options.get("idle_cost", False),
     }
     return _record(env, steps, carelessness, **described)

@@ -8,8 +8,8 @@ from robosim.discretise.observation import (
     ENCODINGS,
     Encoding,
     ObservationLayout,
-    closed_ways,
-    progress_columns,
+    blocked_moves,
+    gain_columns,
 )
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.envs.vector import VectorEnv
@@ -136,16 +136,16 @@ def test_density_is_what_is_in_the_tunnel_over_its_length_and_at_most_one() -> N
 
 
 @pytest.mark.parametrize("arena", ["paper", "single-lane", "s-bend"])
-def test_closed_ways_are_walls_and_what_leads_away_from_both_goals(arena: str) -> None:
+def test_blocked_moves_are_walls_and_what_leads_away_from_both_goals(arena: str) -> None:
     env = VectorEnv(arena, robots=3, num_envs=2, seed=1)
-    columns = progress_columns(env.layout.names, "cardinal")
+    columns = gain_columns(env.layout.names, "cardinal")
     assert columns is not None
     observation = env.reset()
     rng, walls, free = np.random.default_rng(0), 0, 0
     read = load_arena(arena)
     centre = read.cell_size * np.float64(0.5)
     for _ in range(400):
-        closed = closed_ways(observation, columns)
+        closed = blocked_moves(observation, columns)
         for place in np.ndindex(2, 3):
             column, row = (env.world.state.pose[place][:2] / read.cell_size).astype(int)
             here = read.distances.sample(np.array([column, row]) * read.cell_size + centre)
@@ -166,7 +166,7 @@ def test_ways_are_told_by_cardinal_actions_and_the_expanded_encoding_alone() -> 
     for actions in ACTION_KINDS:
         for encoding in ENCODINGS:
             names = ObservationLayout(encoding, True, actions, 2).names
-            columns = progress_columns(names, actions)
+            columns = gain_columns(names, actions)
             assert (columns is None) == (actions == "wheels" or encoding == "paper")
             if columns is not None:
-                assert [names[first] for first in columns] == ["progress home N", "progress to source N"]
+                assert [names[first] for first in columns] == ["gain home N", "gain source N"]

@@ -65,7 +65,9 @@ def patch(grid: Grid, pheromone: PheromoneMap, column: int, row: int, radius: in
 def test_random_walks_leave_what_the_plain_reference_says(
     seed, decay, reinforcement, initial, diffusion, radius
 ) -> None:
-    config = PheromoneConfig(decay, reinforcement, initial, diffusion, radius)
+    config = PheromoneConfig(
+        decay=decay, reinforcement=reinforcement, initial=initial, diffusion=diffusion, radius=radius
+    )
     rng = np.random.default_rng(seed)
     envs, robots = 2, 3
     grid, pheromone = make_map(config, envs=envs)
@@ -251,23 +253,23 @@ def test_every_mode_and_action_leaves_a_mark_of_its_own_that_is_not_nothing() ->
 @pytest.mark.parametrize(
     ("constants", "sentence"),
     [
-        ({"decay": 0.0}, "pheromone.decay: 0.0 is not allowed; allowed are numbers from 1e-06 to 1."),
-        ({"decay": 1.5}, "pheromone.decay: 1.5 is not allowed; allowed are numbers from 1e-06 to 1."),
+        ({"decay": 0.0}, "decay is 0.0, but must be a number from 1e-06 to 1."),
+        ({"decay": 1.5}, "decay is 1.5, but must be a number from 1e-06 to 1."),
         (
             {"decay": float("nan")},
-            "pheromone.decay: nan is not allowed; allowed are numbers from 1e-06 to 1.",
+            "decay is nan, but must be a number from 1e-06 to 1.",
         ),
-        ({"decay": True}, "pheromone.decay: True is not allowed; allowed are numbers from 1e-06 to 1."),
-        ({"decay": "0.1"}, "pheromone.decay: '0.1' is not allowed; allowed are numbers from 1e-06 to 1."),
+        ({"decay": True}, "decay is True, but must be a number from 1e-06 to 1."),
+        ({"decay": "0.1"}, 'decay is "0.1", but must be a number from 1e-06 to 1.'),
         (
             {"reinforcement": 0},
-            "pheromone.reinforcement: 0 is not allowed; allowed are numbers from 1e-06 to 1.",
+            "reinforcement is 0, but must be a number from 1e-06 to 1.",
         ),
-        ({"initial": -0.1}, "pheromone.initial: -0.1 is not allowed; allowed are numbers from 0 to 1."),
-        ({"diffusion": 0.25}, "pheromone.diffusion: 0.25 is not allowed; allowed are numbers from 0 to 0.2."),
-        ({"radius": -1}, "pheromone.radius: -1 is not allowed; allowed are whole numbers from 0 to 200."),
-        ({"radius": 2.0}, "pheromone.radius: 2.0 is not allowed; allowed are whole numbers from 0 to 200."),
-        ({"radius": 201}, "pheromone.radius: 201 is not allowed; allowed are whole numbers from 0 to 200."),
+        ({"initial": -0.1}, "initial is -0.1, but must be a number from 0 to 1."),
+        ({"diffusion": 0.25}, "diffusion is 0.25, but must be a number from 0 to 0.2."),
+        ({"radius": -1}, "radius is -1, but must be a whole number from 0 to 200."),
+        ({"radius": 2.0}, "radius is 2.0, but must be a whole number from 0 to 200."),
+        ({"radius": 201}, "radius is 201, but must be a whole number from 0 to 200."),
     ],
 )
 def test_constants_out_of_range_are_one_sentence(constants: dict[str, object], sentence: str) -> None:

@@ -18,22 +18,22 @@ NONE, ONE = np.array([[0]]), np.array([[1]])
     ("signal", "value"),
     [
         ({}, 0.0),
-        ({"progress": FULL}, 0.2 * 2.5),
-        ({"progress": LITTLE}, 0.2 * 2.5),
-        ({"progress": BACK}, 0.0),
+        ({"gained": FULL}, 0.2 * 2.5),
+        ({"gained": LITTLE}, 0.2 * 2.5),
+        ({"gained": BACK}, 0.0),
         ({"collided": YES}, 0.2 * -2.0),
         ({"collided": YES, "laden": YES}, 0.0),
-        ({"progress": FULL, "laden": YES}, 0.2 * 2.5),
+        ({"gained": FULL, "laden": YES}, 0.2 * 2.5),
         ({"pickups": ONE}, 0.2 * 50.0),
         ({"deliveries": ONE}, 0.4 * 50.0),
-        ({"progress": FULL, "collided": YES, "pickups": ONE, "deliveries": ONE}, 0.5 - 0.4 + 10.0 + 20.0),
+        ({"gained": FULL, "collided": YES, "pickups": ONE, "deliveries": ONE}, 0.5 - 0.4 + 10.0 + 20.0),
     ],
 )
 def test_the_four_signals_have_the_papers_values_and_weights(
     signal: dict[str, np.ndarray], value: float
 ) -> None:
     nothing = {
-        "progress": STILL,
+        "gained": STILL,
         "collided": NO,
         "laden": NO,
         "pickups": NONE,
@@ -43,10 +43,10 @@ def test_the_four_signals_have_the_papers_values_and_weights(
     assert rewards(RewardConfig(), **(nothing | signal)).tolist() == [[pytest.approx(value)]]
 
 
-def test_signed_progress_pays_by_length_and_to_and_fro_earns_nothing() -> None:
+def test_signed_distance_pays_by_length_and_to_and_fro_earns_nothing() -> None:
     ways = np.array([[1.0, -1.0, 0.5, -0.25, 0.0, 7.0, -7.0]])
     none, no = np.zeros(ways.shape, dtype=np.int64), np.zeros(ways.shape, dtype=np.bool_)
-    config = RewardConfig(signed_progress=True)
+    config = RewardConfig(signed_distance=True)
     paid = rewards(config, ways, no, no, none, none, no)
     assert paid[0].tolist() == pytest.approx([0.5, -0.5, 0.25, -0.125, 0.0, 0.5, -0.5])
 
@@ -78,7 +78,7 @@ def test_a_batch_is_what_loops_say(
     collided, laden, idle = rng.random((3, envs, robots)) < 0.5
     pickups = rng.integers(0, 2, (envs, robots))
     deliveries = rng.integers(0, 4, (envs, robots))
-    config = RewardConfig(kind=kind, sharing=sharing, signed_progress=signed, idle_cost=idle_cost)
+    config = RewardConfig(kind=kind, sharing=sharing, signed_distance=signed, idle_cost=idle_cost)
     got = rewards(config, progress, collided, laden, pickups, deliveries, idle)
     for env in range(envs):
         for robot in range(robots):

@@ -15,7 +15,7 @@ VARIED = parse_arena(
     + "\n[randomisation]\nwheel_speed = [0.7, 1.2]\ntraction = [0.5, 1.0]\npellet_mass = [0.5, 2.0]\n",
     "varied.toml",
 )
-SEEDS = "allowed are whole numbers from 0 to 18446744073709551615."
+SEEDS = "a whole number from 0 to 18446744073709551615."
 
 
 def refused(sentence: str, call: Any, *args: Any, **options: Any) -> None:
@@ -259,7 +259,7 @@ def test_a_trajectory_runs_again_alone() -> None:
     seen = played(env, random_actions(2, 3, 70))
     trajectory = env.trajectory(1)
     assert (trajectory.seed, trajectory.episode, trajectory.robots) == (env.seeds[1], 1, 3)
-    again = VectorEnv(parse_arena(trajectory.arena, "paper.toml"), robots=3, seed=[trajectory.seed])
+    again = VectorEnv(parse_arena(trajectory.config.arena, "paper.toml"), robots=3, seed=[trajectory.seed])
     again.reset()
     again.reset()
     poses = played(again, trajectory.chosen[:, None])["pose"]
@@ -296,50 +296,55 @@ def test_as_many_robots_as_fit_and_one_alone_both_run() -> None:
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"robots": 0}, "robots: 0 is not allowed; allowed are whole numbers from 1 to 35."),
-        ({"robots": 36}, "robots: 36 is not allowed; allowed are whole numbers from 1 to 35."),
-        ({"robots": -1}, "robots: -1 is not allowed; allowed are whole numbers from 1 to 35."),
-        ({"robots": True}, "robots: True is not allowed; allowed are whole numbers from 1 to 35."),
-        ({"robots": 2.0}, "robots: 2.0 is not allowed; allowed are whole numbers from 1 to 35."),
-        ({"robots": "2"}, "robots: '2' is not allowed; allowed are whole numbers from 1 to 35."),
-        ({"robots": None}, "robots: None is not allowed; allowed are whole numbers from 1 to 35."),
-        ({"num_envs": 0}, "num_envs: 0 is not allowed; allowed are whole numbers from 1 to 4096."),
-        ({"num_envs": 5000}, "num_envs: 5000 is not allowed; allowed are whole numbers from 1 to 4096."),
-        ({"pellet_gradient": -1}, "pellet_gradient: -1 is not allowed; allowed are numbers from 0 to 50."),
+        ({"robots": 0}, "robots is 0, but must be a whole number from 1 to 1000."),
+        (
+            {"robots": 36},
+            "robots is 36, but must be a whole number from 1 to 35: the arena 'paper' has no room for more.",
+        ),
+        ({"robots": -1}, "robots is -1, but must be a whole number from 1 to 1000."),
+        ({"robots": True}, "robots is True, but must be a whole number from 1 to 1000."),
+        ({"robots": 2.0}, "robots is 2.0, but must be a whole number from 1 to 1000."),
+        ({"robots": "2"}, 'robots is "2", but must be a whole number from 1 to 1000.'),
+        ({"num_envs": 0}, "num_envs is 0, but must be a whole number from 1 to 4096."),
+        ({"num_envs": 5000}, "num_envs is 5000, but must be a whole number from 1 to 4096."),
+        ({"pellet_gradient": -1}, "pellet_gradient is -1, but must be a number from 0 to 50."),
         (
             {"pellet_gradient": math.nan},
-            "pellet_gradient: nan is not allowed; allowed are numbers from 0 to 50.",
+            "pellet_gradient is nan, but must be a number from 0 to 50.",
         ),
         (
             {"pellet_gradient": True},
-            "pellet_gradient: True is not allowed; allowed are numbers from 0 to 50.",
+            "pellet_gradient is True, but must be a number from 0 to 50.",
         ),
-        ({"pellet_gradient": "8"}, "pellet_gradient: '8' is not allowed; allowed are numbers from 0 to 50."),
-        ({"idle_cost": 1}, "idle_cost: 1 is not allowed; allowed are True and False."),
-        ({"num_envs": 1.5}, "num_envs: 1.5 is not allowed; allowed are whole numbers from 1 to 4096."),
-        ({"seed": -1}, f"seed: -1 is not allowed; {SEEDS}"),
-        ({"seed": 2**64}, f"seed: 18446744073709551616 is not allowed; {SEEDS}"),
-        ({"seed": 1.0}, f"seed: 1.0 is not allowed; {SEEDS}"),
-        ({"seed": False}, f"seed: False is not allowed; {SEEDS}"),
-        ({"seed": "abc"}, f"seed: 'abc' is not allowed; {SEEDS}"),
-        ({"seed": None}, f"seed: None is not allowed; {SEEDS}"),
-        ({"seed": [1, -2]}, f"seed: -2 is not allowed; {SEEDS}"),
-        ({"seed": [1, 2, 3]}, "seed: 3 given, allowed are one, or one for each of 2 envs."),
-        ({"seed": []}, "seed: 0 given, allowed are one, or one for each of 2 envs."),
+        ({"pellet_gradient": "8"}, 'pellet_gradient is "8", but must be a number from 0 to 50.'),
+        ({"idle_cost": 1}, "reward.idle_cost is 1, but must be True or False."),
+        ({"num_envs": 1.5}, "num_envs is 1.5, but must be a whole number from 1 to 4096."),
+        ({"seed": -1}, f"seed is -1, but must be {SEEDS}"),
+        ({"seed": 2**64}, f"seed is 18446744073709551616, but must be {SEEDS}"),
+        ({"seed": 1.0}, f"seed is 1.0, but must be {SEEDS}"),
+        ({"seed": False}, f"seed is False, but must be {SEEDS}"),
+        ({"seed": "abc"}, f'seed is "abc", but must be {SEEDS}'),
+        ({"seed": None}, f"seed is None, but must be {SEEDS}"),
+        ({"seed": [1, -2]}, f"seed is -2, but must be {SEEDS}"),
+        ({"seed": [1, 2, 3]}, "seed has 3 numbers, but must be one, or one for each of 2 envs."),
+        ({"seed": []}, "seed has 0 numbers, but must be one, or one for each of 2 envs."),
         (
-            {"episode_steps": 0},
-            "episode_steps: 0 is not allowed; allowed are whole numbers from 1 to 100000000.",
+            {"episode_steps": -1},
+            "episode_steps is -1, but must be a whole number from 0 to 100000000.",
         ),
         (
             {"episode_steps": 1e3},
-            "episode_steps: 1000.0 is not allowed; allowed are whole numbers from 1 to 100000000.",
+            "episode_steps is 1000.0, but must be a whole number from 0 to 100000000.",
         ),
-        ({"encoding": "raw"}, "encoding: 'raw' is not allowed; allowed are paper, expanded."),
-        ({"actions": "north"}, "actions: 'north' is not allowed; allowed are cardinal, wheels."),
-        ({"reward": None}, "reward: None is not allowed; allowed are local, global."),
-        ({"sharing": "equal"}, "sharing: 'equal' is not allowed; allowed are copied, split."),
-        ({"stigmergy": "yes"}, "stigmergy: 'yes' is not allowed; allowed are True and False."),
-        ({"autoreset": 1}, "autoreset: 1 is not allowed; allowed are True and False."),
+        ({"encoding": "raw"}, 'encoding is "raw", but must be "paper" or "expanded".'),
+        ({"actions": "north"}, 'actions is "north", but must be "cardinal" or "wheels".'),
+        ({"reward": "team"}, 'reward.kind is "team", but must be "local" or "global".'),
+        ({"collision_weight": -1}, "reward.collision_weight is -1, but must be a number from 0 to 1e+06."),
+        ({"pheromone_decay": 2}, "pheromone.decay is 2, but must be a number from 1e-06 to 1."),
+        ({"warld": 2}, '"warld" is not an option: did you mean world or reward or reward_pickup?'),
+        ({"sharing": "equal"}, 'reward.sharing is "equal", but must be "copied" or "split".'),
+        ({"stigmergy": "yes"}, 'stigmergy is "yes", but must be True or False.'),
+        ({"autoreset": 1}, "autoreset is 1, but must be True or False."),
         ({"arena": "papr"}, "No arena is named 'papr': did you mean paper?"),
     ],
 )
@@ -400,8 +405,8 @@ def test_a_wrong_seed_for_reset_leaves_the_environment_as_it_was() -> None:
     env = VectorEnv("paper", robots=1, seed=3)
     env.reset()
     seeds = env.seeds
-    refused(f"seed: -5 is not allowed; {SEEDS}", env.reset, -5)
-    refused("seed: 2 given, allowed are one, or one for each of 1 envs.", env.reset, [1, 2])
+    refused(f"seed is -5, but must be {SEEDS}", env.reset, -5)
+    refused("seed has 2 numbers, but must be one, or one for each of 1 envs.", env.reset, [1, 2])
     assert (env.seeds, env.episode) == (seeds, 0)
 
 

@@ -99,10 +99,10 @@ def test_a_worker_finds_the_error_and_goes_on() -> None:
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        ({"workers": 0}, "workers: 0 is not allowed; allowed are 1 to num_envs = 4."),
-        ({"workers": 5}, "workers: 5 is not allowed; allowed are 1 to num_envs = 4."),
-        ({"workers": 2.0}, "workers: 2.0 is not allowed; allowed are 1 to num_envs = 4."),
-        ({"workers": True}, "workers: True is not allowed; allowed are 1 to num_envs = 4."),
+        ({"workers": 0}, "workers is 0, but must be a whole number from 1 to num_envs, 4."),
+        ({"workers": 5}, "workers is 5, but must be a whole number from 1 to num_envs, 4."),
+        ({"workers": 2.0}, "workers is 2.0, but must be a whole number from 1 to num_envs, 4."),
+        ({"workers": True}, "workers is True, but must be a whole number from 1 to num_envs, 4."),
     ],
 )
 def test_wrong_worker_counts_are_one_sentence(wrong: dict[str, object], sentence: str) -> None:
@@ -177,3 +177,28 @@ def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:
 
 def test_public_name() -> None:
     assert robosim.vector_env is vector_env
+
+
+def test_a_moment_of_workers_is_one_of_the_plain_environment_and_back(split: WorkerVectorEnv) -> None:
+    whole = VectorEnv("paper", robots=2, num_envs=5, episode_steps=30)
+    rng = np.random.default_rng(2)
+    split.reset(4)
+    for _ in range(40):  # into the second episode
+        split.step(rng.integers(5, size=(5, 2)))
+    moment = split.snapshot()
+    assert moment.actions.shape == (10, 5, 2)
+    restored = whole.restore(moment)
+    actions = rng.integers(5, size=(3, 5, 2))
+    after = [whole.step(chosen).observation for chosen in actions]
+    split.step(actions[0])
+    assert np.array_equal(split.restore(moment), restored)
+    for chosen, expected in zip(actions, after, strict=True):
+        assert np.array_equal(split.step(chosen).observation, expected)
+    with pytest.raises(InputError, match="this environment has"):
+        split.restore(_of_another_size())
+
+
+def _of_another_size():
+    other = VectorEnv("paper", robots=1)
+    other.reset()
+    return other.snapshot()

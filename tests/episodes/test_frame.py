@@ -40,7 +40,10 @@ def test_a_frame_is_what_the_step_returned_and_what_the_observations_show() -> N
     held_at_some_time = np.zeros((2, 4), dtype=np.bool_)
     for step in range(1, 251):
         actions = lanes.act(env, observation)
-        observation, reward, *_, delivered = env.step(actions)
+        transition = env.step(actions)
+        observation, reward, delivered = (
+            transition.observation, transition.reward, transition.final_delivered,
+        )  # fmt: skip
         for index in range(2):
             frame, seen = env.frame(index), observation[index]
             assert frame.step == step

@@ -23,8 +23,6 @@ class Corridor:
     def __init__(self, robots=2, num_envs=1, episode_steps=100, seed=0):
         self.robots, self.num_envs, self.episode_steps = robots, num_envs, episode_steps
         self.arena = load_arena("paper")
-        nobody = np.zeros((num_envs, robots), bool)
-        self.dec_pomdp = SimpleNamespace(collided=nobody, blocked=nobody)
         names = (*(f"cell {i}" for i in range(LENGTH)), "laden")
         self.layout = SimpleNamespace(
             names=names, size=len(names), encoding="expanded", stigmergy=True, actions="cardinal"
@@ -55,7 +53,9 @@ class Corridor:
         observation = self.reset() if ended else final
         reward = (picked | dropped).astype(np.float32)
         never = np.zeros(self.num_envs, bool)
-        return Transition(observation, reward, never, np.full(self.num_envs, ended), final, delivered)
+        nobody = np.zeros((self.num_envs, self.robots), bool)
+        ends = np.full(self.num_envs, ended)
+        return Transition(observation, reward, never, ends, final, delivered, nobody, nobody)
 
     def _observe(self):
         cells = np.eye(LENGTH, dtype=np.float32)[self._cell]

@@ -39,7 +39,7 @@ def test_config_survives_its_file(tmp_path_factory, arena, learning_rate, hidden
         ('newcomer = "clone"', "newcomer is 'clone': it must be scratch or copy."),
         (
             "pheromone_decay = 2.0",
-            "pheromone.decay: 2.0 is not allowed; allowed are numbers from 1e-06 to 1.",
+            "decay is 2.0, but must be a number from 1e-06 to 1.",
         ),
         ("robot = 2", "unknown key 'robot': did you mean robots?"),
         ("epsilon_start = 0.01", "epsilon_end is 0.02: it must not exceed epsilon_start, 0.01."),

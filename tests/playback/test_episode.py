@@ -109,7 +109,7 @@ def live(tmp_path_factory):
         episode_steps=STEPS,
         pheromone=PheromoneConfig(decay=0.05, reinforcement=0.3, initial=0.1, diffusion=0.1, radius=1),
         reward="local",
-        signed_progress=True,
+        signed_distance=True,
     )
     recorded = record_episode(LanesController(), env, folder / "live.rrd", about={"policy": "lanes"})
     assert recorded.decisions == STEPS
@@ -231,8 +231,9 @@ def test_an_interrupted_trajectory_is_kept_as_far_as_it_came(tmp_path, live):
 
 
 def test_a_trajectory_that_cannot_run_is_one_sentence_and_no_file(tmp_path, live):
-    trajectory = replace(live[1], chosen=np.zeros((3, 99), dtype=np.uint8))
-    with pytest.raises(InputError, match=r"^run\.npz: robots: 99 is not allowed"):
+    many = live[1].config.changed(robots=99)
+    trajectory = replace(live[1], config=many, chosen=np.zeros((3, 99), dtype=np.uint8))
+    with pytest.raises(InputError, match=r"^run\.npz: robots is 99, but must be a whole number"):
         record_trajectory(trajectory, tmp_path / "run.rrd", source="run.npz")
     with pytest.raises(InputError, match="cannot be written"):
         record_trajectory(live[1], tmp_path / "nowhere" / "run.rrd")

@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 
@@ -59,7 +60,7 @@ def test_recordings_pass_the_viewers_own_check(tmp_path):
             ["--save-trajectory", "run.rrd"],
             "run.rrd: cannot be written: the name of a trajectory's file must end in .npz.",
         ),
-        (["--robots", "0"], "robots: 0 is not allowed"),
+        (["--robots", "0"], "robots is 0, but must be"),
         (["--arena", "papr"], "paper"),
     ],
 )
@@ -175,11 +176,11 @@ def _foreign(source, target):
 
 
 def _another_arena(source, target):
-    _changed(source, target, arena=np.frombuffer(b"=", dtype=np.uint8))
+    _configured(source, target, arena="=")
 
 
 def _too_many_robots(source, target):
-    _changed(source, target, chosen=np.zeros((3, 99), dtype=np.uint8))
+    _configured(source, target, robots=99, chosen=np.zeros((3, 99), dtype=np.uint8))
 
 
 def _empty(source, target):
@@ -187,7 +188,16 @@ def _empty(source, target):
 
 
 def _fast_pheromone(source, target):
-    _changed(source, target, pheromone=np.array([3.0, 0.1, 0.0, 0.0, 2.0]))
+    _configured(source, target, pheromone={"decay": 3.0})
+
+
+def _configured(source, target, chosen=None, **fields):
+    """Change fields of the configuration."""
+    with np.load(source) as file:
+        config = json.loads(file["config"].tobytes()) | fields
+        chosen = file["chosen"] if chosen is None else chosen
+    text = np.frombuffer(json.dumps(config).encode(), dtype=np.uint8)
+    _changed(source, target, config=text, chosen=chosen)
 
 
 def _changed(source, target, **changes):
@@ -205,9 +215,9 @@ def _changed(source, target, **changes):
         (_damaged, "is no trajectory ("),
         (_foreign, "is no trajectory; it lacks format."),
         (_another_arena, "this is not TOML"),
-        (_too_many_robots, "robots: 99 is not allowed; allowed are whole numbers from 1 to "),
+        (_too_many_robots, "robots is 99, but must be a whole number from 1 to 35"),
         (_empty, "it holds no decisions."),
-        (_fast_pheromone, "pheromone.decay: 3.0 is not allowed; allowed are numbers from 1e-06 to 1."),
+        (_fast_pheromone, "config: pheromone.decay is 3.0, but must be a number from 1e-06 to 1."),
     ],
 )
 def test_a_file_that_cannot_be_played_is_a_sentence(tmp_path, monkeypatch, capsys, played, spoil, sentence):

@@ -274,10 +274,10 @@ def test_every_episode_is_stored_and_the_page_says_how_to_see_it(run):
     for number, trajectory in enumerate(watched(run).trajectories):
         stored = load_trajectory(report(run) / "episodes" / f"{number}.npz")
         assert (stored.chosen == trajectory.chosen).all()
-        assert (stored.seed, stored.episode, stored.arena) == (
+        assert (stored.seed, stored.episode, stored.config.arena) == (
             trajectory.seed,
             trajectory.episode,
-            trajectory.arena,
+            trajectory.config.arena,
         )
         assert stored.policy == watched(run).evaluation.controller
         assert f"robosim play episodes/{number}.npz --save {number}.rrd" in words
@@ -398,7 +398,7 @@ def test_a_trajectory_that_cannot_be_stored_names_its_place_in_the_folder(tmp_pa
     trajectory = replace(seen.trajectories[0], policy="two\nlines")
     with pytest.raises(InputError) as caught:
         write_report(tmp_path / "out", replace(seen, trajectories=[trajectory]))
-    assert str(caught.value).startswith(f"{tmp_path}/out/episodes/0.npz: policy: ")
+    assert str(caught.value).startswith(f"{tmp_path}/out/episodes/0.npz: policy is ")
     assert list(tmp_path.iterdir()) == []
 
 

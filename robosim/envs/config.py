@@ -1,0 +1,80 @@
+"""`EnvConfig`: everything that an environment is, in one frozen record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from robosim.arena import Arena, load_arena
+from robosim.discretise.observation import Encoding, ObservationLayout
+from robosim.discretise.pheromone import PheromoneConfig
+from robosim.discretise.reward import RewardConfig
+from robosim.errors import InputError, shown
+from robosim.records import Record
+from robosim.robot.drivers import ActionKind
+from robosim.world.factory import WorldKind
+
+MAX_PELLET_GRADIENT = 50.0
+LONGEST_ARENA = 1_000_000
+"""Characters of an arena's text."""
+
+
+class EnvConfig(Record):
+    """What an environment is: world, arena, team, actions, observations, rewards, starts and length.
+
+    It goes whole into a run's configuration, a policy's card and a trajectory, and every face takes it or its
+    fields. An option of the environment is a field here, and nowhere else.
+    """
+
+    world: WorldKind = "physics"
+    """Rigid bodies (`physics`), or the paper's abstraction with one robot a cell (`grid`)."""
+    arena: str = Field(default="paper", min_length=1, max_length=LONGEST_ARENA)
+    """Arena by name, the path of its file, or the text of one."""
+    robots: int = Field(default=4, ge=1, le=1000)
+    """Size of the team."""
+    actions: ActionKind = "cardinal"
+    """What the five actions are: toward the neighbouring cell, or wheel speeds."""
+    encoding: Encoding = "expanded"
+    """How observations are written: the paper's eight numbers, or one-hot codes and more."""
+    stigmergy: bool = True
+    """Whether robots see the pheromone map around them."""
+    pheromone: PheromoneConfig = PheromoneConfig()
+    """Constants of the pheromone map."""
+    reward: RewardConfig = RewardConfig()
+    """What a decision pays."""
+    pellet_gradient: float = Field(default=0.0, ge=0, le=MAX_PELLET_GRADIENT)
+    """How unevenly pellets may lie as an episode begins, as they do after long digging; 0 for evenly."""
+    episode_steps: int = Field(default=0, ge=0, le=100_000_000)
+    """Decisions in an episode; 0 for as many as the arena says."""
+
+    @property
+    def layout(self) -> ObservationLayout:
+        """Which number stands where in an observation."""
+        return ObservationLayout(self.encoding, self.stigmergy, self.actions, self.pheromone.radius)
+
+
+def env_config(base: EnvConfig | Arena | str | Path | None = None, **fields: Any) -> tuple[EnvConfig, Arena]:
+    """Return the configuration and the arena that a face is asked for.
+
+    `base` is a configuration, or the arena of one: a name, a file or an arena already read. `fields` replace
+    fields of it, those of its rewards and pheromones by their short names (`reward="local"`,
+    `signed_distance=True`, `pheromone_decay=0.2`). The configuration returned holds the arena's text, so
+    that it is whole wherever it goes. Raises InputError.
+    """
+    config = base if isinstance(base, EnvConfig) else EnvConfig()
+    if base is not None and not isinstance(base, EnvConfig):
+        fields = {"arena": base} | fields
+    given = fields.pop("arena", config.arena)
+    if not isinstance(given, str | Path | Arena):
+        raise InputError(f"arena is {shown(given)}, but must be a name, a path or an arena.")
+    arena = given if isinstance(given, Arena) else load_arena(given)
+    config = config.with_options(**{name: value for name, value in fields.items() if value is not None})
+    config = config.changed(arena=arena.text)
+    if config.robots > arena.capacity:
+        raise InputError(
+            f"robots is {config.robots}, but must be a whole number from 1 to {arena.capacity}: "
+            f"the arena {arena.name!r} has no room for more."
+        )
+    return config, arena

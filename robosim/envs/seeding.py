@@ -1,0 +1,36 @@
+"""Seeds of the faces with one environment, as Gymnasium and PettingZoo mean them."""
+
+from __future__ import annotations
+
+import secrets
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.envs.vector import VectorEnv
+
+_BITS = 63
+"""Of a seed that nobody has given."""
+
+
+class EpisodeSeed:
+    """Begins the episodes of a batch of one environment, and knows the seed that they come from."""
+
+    def __init__(self, env: VectorEnv) -> None:
+        self._env = env
+        self.seed: int | None = None
+        """What `begin` was last given, or has drawn; with it the same episodes begin again."""
+
+    def begin(self, seed: int | None) -> NDArray[np.float32]:
+        """Begin an episode; returns the observations [1, robots, size].
+
+        With `seed` it is the seed's first episode. Without one it is the next episode of the seed before, or,
+        if there was none, the first of a seed drawn from the machine's entropy: copies of an environment
+        differ. InputError for a seed out of range.
+        """
+        if seed is None and self.seed is not None:
+            return self._env.reset()
+        drawn = secrets.randbits(_BITS) if seed is None else seed
+        observation = self._env.reset(drawn)
+        self.seed = int(drawn)
+        return observation

@@ -1,0 +1,213 @@
+"""Records: frozen, typed data that is checked as it is made, and whose mistakes are one sentence each.
+
+Whatever a person writes down (options, configurations, cards) is a record. Its fields state type and range;
+from these come the check, the sentence that names field, value and what is allowed, and the options of the
+command line.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeVar, Union, get_args, get_origin
+
+import annotated_types
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from robosim.errors import InputError, nearest_names, shown
+
+_Item = TypeVar("_Item")
+
+Many = Annotated[tuple[_Item, ...], Field(strict=False)]
+"""A tuple that may also be given as a list, as files have it."""
+
+
+class Option(NamedTuple):
+    """A field of a record, or of one nested in it."""
+
+    path: tuple[str, ...]
+    """Names of the fields that lead to it, its own last."""
+    field: FieldInfo
+
+    @property
+    def help(self) -> str:
+        """What the field means."""
+        return self.field.description or ""
+
+
+class Record(BaseModel):
+    """Base of all records. Raises InputError, in one sentence, for a field that is unknown or wrong."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
+    short_names: ClassVar[Mapping[str, str]] = {}
+    """Short names of fields when the record is nested in another, where they are not FIELD_OWN-NAME."""
+
+    def __init__(self, /, **values: Any) -> None:
+        plain = {name: _plain(value) for name, value in values.items()}
+        try:
+            super().__init__(**plain)
+        except ValidationError as error:
+            raise InputError(sentence(type(self), error)) from None
+
+    # So that pydantic checks nested records itself and reports where in the whole a mistake is.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], place: str) -> Self:
+        """Return the record that a parsed file holds; errors begin with `place`, the file's name."""
+        try:
+            return cls.model_validate(table)
+        except ValidationError as error:
+            raise InputError(f"{place}: {sentence(cls, error)}") from None
+
+    def changed(self, **values: Any) -> Self:
+        """Return a copy with other values in some fields, checked anew."""
+        return type(self)(**({name: getattr(self, name) for name in type(self).model_fields} | values))
+
+    @classmethod
+    def options(cls) -> dict[str, Option]:
+        """Return every field, those of nested records too, by its short name."""
+        return dict(_options(cls, ()))
+
+    def with_options(self, **values: Any) -> Self:
+        """Return a copy with other values in the fields of these short names, checked anew.
+
+        A nested record may also be given whole, by the name of its field.
+        """
+        known, fields = type(self).options(), type(self).model_fields
+        whole = {
+            name: value for name, value in values.items() if name in fields and isinstance(value, Record)
+        }
+        nested: dict[str, Any] = {}
+        for name in (name for name in values if name not in whole):
+            if name not in known:
+                raise InputError(f"{shown(name)} is not an option: {nearest_names(name, known)}")
+            *outer, own = known[name].path
+            inner = nested
+            for step in outer:
+                inner = inner.setdefault(step, {})
+            inner[own] = values[name]
+        base = self.changed(**whole) if whole else self
+        return type(self)(**base._with(nested))
+
+    def _with(self, nested: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the fields, those in `nested` replaced; a record in which one changes becomes a table."""
+        values = {name: getattr(self, name) for name in type(self).model_fields}
+        for name, value in nested.items():
+            before = values[name]
+            inside = isinstance(before, Record) and isinstance(value, dict)
+            values[name] = before._with(value) if inside else value
+        return values
+
+
+def _plain(value: object) -> object:
+    """Return numpy's scalars as Python's: strict checks know those alone."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _options(model: type[Record], path: tuple[str, ...]) -> Iterator[tuple[str, Option]]:
+    for name, field in model.model_fields.items():
+        nested = field.annotation
+        if isinstance(nested, type) and issubclass(nested, Record):
+            for inner, option in _options(nested, (*path, name)):
+                own = option.path[-1] if len(option.path) == len(path) + 2 else None
+                short = nested.short_names.get(inner, f"{name}_{inner}") if own else inner
+                yield short, option
+        else:
+            yield name, Option((*path, name), field)
+
+
+def sentence(model: type[BaseModel], error: ValidationError) -> str:
+    """Return the first of pydantic's errors in our words: field, value, and what is allowed."""
+    first = error.errors()[0]
+    return _sentence(model, first)
+
+
+def _sentence(model: type[BaseModel], error: ErrorDetails) -> str:
+    keys = [part for part in error["loc"] if isinstance(part, str)]
+    place, owner, field = ".".join(keys), model, None
+    for key in keys:
+        field = owner.model_fields.get(key)
+        if field is None:
+            break
+        nested = field.annotation
+        if isinstance(nested, type) and issubclass(nested, BaseModel):
+            owner = nested
+    if error["type"] == "extra_forbidden":
+        return f"{shown(keys[-1])} is not an option: {nearest_names(keys[-1], owner.model_fields)}"
+    if error["type"] == "missing":
+        return f"{place} is missing" + (f"; it must be {allowed(field)}." if field else ".")
+    value = error["input"]
+    if error["type"] == "value_error":
+        text = error["msg"].removeprefix("Value error, ").rstrip(".")
+        return f"{place + ': ' if place else ''}{text}."
+    described = allowed(field) if field is not None else error["msg"]
+    return f"{place} is {shown(value)}, but must be {described}."
+
+
+def allowed(field: FieldInfo) -> str:
+    """Return in words which values a field takes."""
+    return _allowed(field.annotation, field.metadata)
+
+
+def _allowed(annotation: Any, metadata: list[Any]) -> str:
+    while get_origin(annotation) is Annotated:
+        annotation, *inner = get_args(annotation)
+        metadata = [*inner, *metadata]
+    metadata = [part for one in metadata for part in (one.metadata if isinstance(one, FieldInfo) else [one])]
+    origin = get_origin(annotation)
+    if origin in (Union, types.UnionType):
+        return " or ".join(
+            "None" if part is type(None) else _allowed(part, metadata) for part in get_args(annotation)
+        )
+    if origin is Literal:
+        return " or ".join(shown(value) for value in get_args(annotation))
+    if origin is tuple:
+        return f"a list of {_lengths(metadata)}{_plural(annotation)}"
+    if annotation is bool:
+        return "True or False"
+    if annotation in (int, float):
+        kind = "a whole number" if annotation is int else "a number"
+        return kind + _bounds(metadata)
+    if annotation is str:
+        longest = _first(metadata, annotated_types.MaxLen)
+        return "a text" + (f" of at most {longest.max_length} characters" if longest else "")
+    return "a table"
+
+
+def _plural(annotation: Any) -> str:
+    item = _allowed(get_args(annotation)[0], [])
+    return item.removeprefix("a ").replace("number", "numbers", 1)
+
+
+def _lengths(metadata: list[Any]) -> str:
+    low, high = _first(metadata, annotated_types.MinLen), _first(metadata, annotated_types.MaxLen)
+    return f"{low.min_length if low else 0} to {high.max_length} " if high is not None else ""
+
+
+def _bounds(metadata: list[Any]) -> str:
+    low, high = _first(metadata, annotated_types.Ge), _first(metadata, annotated_types.Le)
+    over, under = _first(metadata, annotated_types.Gt), _first(metadata, annotated_types.Lt)
+    parts = []
+    if low is not None:
+        parts.append(f" from {_figure(low.ge)}")
+    if over is not None:
+        parts.append(f" above {_figure(over.gt)}")
+    if high is not None:
+        parts.append(f" to {_figure(high.le)}" if low is not None else f" of at most {_figure(high.le)}")
+    if under is not None:
+        parts.append(f" below {_figure(under.lt)}")
+    return " and".join(parts) if over is not None else "".join(parts)
+
+
+def _figure(number: Any) -> str:
+    return str(number) if isinstance(number, int) else f"{number:g}"
+
+
+def _first(metadata: list[Any], kind: type[_Item]) -> _Item | None:
+    return next((one for one in metadata if isinstance(one, kind)), None)
