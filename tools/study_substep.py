@@ -96,8 +96,8 @@ def stopping_distance(arena: Arena) -> float:
     """
     speed, slowing = arena.robot.top_speed, arena.pellets.friction * GRAVITY
     steps = np.arange(math.ceil(speed / slowing / arena.timing.substep) + 1)
-    way = np.maximum(speed - slowing * arena.timing.substep * steps, 0.0).sum() * arena.timing.substep
-    return float(way / (speed**2 / (2.0 * slowing)))
+    distance = np.maximum(speed - slowing * arena.timing.substep * steps, 0.0).sum() * arena.timing.substep
+    return float(distance / (speed**2 / (2.0 * slowing)))
 
 
 if __name__ == "__main__":

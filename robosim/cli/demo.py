@@ -1,4 +1,4 @@
-"""`robosim demo`: train, evaluate, record; the whole house in a few minutes."""
+"""`robosim demo`: train, evaluate, record; everything in a few minutes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Demo:
 
 
 def _unused_folder(parent: Path) -> Path:
-    """Return parent/run, or the first of run-2, run-3 ... that nothing is in the way of."""
+    """Return parent/run, or the first of run-2, run-3 ... that does not exist yet."""
     names = chain(["run"], (f"run-{number}" for number in count(2)))
     return next(parent / name for name in names if not (parent / name).exists())
 

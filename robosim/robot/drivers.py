@@ -19,8 +19,8 @@ Integers = NDArray[np.int64]
 JAMMED_TURN = 0.3
 """A turn on the spot that makes less than this share of its commanded angle is jammed."""
 MIDDLE_SHARE = 2.0 / 3.0
-"""Before a wall, a robot this near to the middle of its cell halts, as a share of a decision's way: so it
-ends no further beyond the middle than the rest of that way."""
+"""Before a wall, a robot this near to the middle of its cell halts, as a share of the distance that top
+speed drives in a decision: so it ends no further beyond the middle than the rest of that distance."""
 WIGGLE_SPEEDS = np.array([0.0, -0.5, 0.5, -0.5, 0.5, -0.5])
 """Speeds in the decisions that a jam lasts, in top speeds: back out of it, then forward, and so on."""
 ActionKind = Literal["cardinal", "wheels"]
@@ -144,8 +144,8 @@ class CardinalDriver:
         turned = np.abs(pose[..., 2] - self._heading)
         self._jam += turned < (JAMMED_TURN * self._period) * self._turn
         self._jam *= self._turn > 0.0
-        # A turn once begun goes on the same way round, even the long way, unless the new direction lies
-        # within a right angle: a policy that changes its mind in every decision still gets round.
+        # A turn once begun keeps its sense of rotation, even for the larger angle, unless the new direction
+        # lies within a right angle: a policy that changes its mind in every decision still gets round.
         self._sense = np.copysign(0.25 * (self._turning > 0.0), self._error)
         self._wiggle = WIGGLE_SPEEDS.take(self._jam, mode="wrap") * self._sheet.top_speed
         self._heading = pose[..., 2].copy()
@@ -153,8 +153,8 @@ class CardinalDriver:
 
     def wheel_speeds(self, pose: Floats) -> Floats:
         sheet = self._sheet
-        way = self._target - pose[..., :2]
-        error = np.arctan2(way[..., 1], way[..., 0])
+        ahead = self._target - pose[..., :2]
+        error = np.arctan2(ahead[..., 1], ahead[..., 0])
         error -= pose[..., 2]
         turns = error * PER_TWO_PI
         turns -= self._sense

@@ -32,7 +32,7 @@ LOOSE, HELD, ABSENT = (np.uint8(status) for status in PelletStatus)
 
 
 class Gripper(IntEnum):
-    """What a robot's gripper is told for one decision."""
+    """The command to a robot's gripper for one decision."""
 
     OPEN = -1
     """Let go of what it holds."""

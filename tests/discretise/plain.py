@@ -38,7 +38,7 @@ def mode_of(zone: int, laden: bool, at_pellet: bool) -> int:
 
 
 def reward_of(
-    progress: float,
+    gained: float,
     collided: bool,
     laden: bool,
     pickups: float,
@@ -48,8 +48,8 @@ def reward_of(
     signed: bool = False,
     idle_cost: bool = False,
 ) -> float:
-    """r = w_d r_d + w_c r_c + w_p r_p + w_s r_s with the paper's numbers, `progress` in ways at top speed."""
-    paid = max(-1.0, min(1.0, progress)) if signed else float(progress > 0.1)
+    """r = w_d r_d + w_c r_c + w_p r_p + w_s r_s with the paper's numbers; top speed gains 1."""
+    paid = max(-1.0, min(1.0, gained)) if signed else float(gained > 0.1)
     reward = 0.2 * 2.5 * paid
     if collided and not laden:
         reward += 0.2 * -2.0
@@ -161,10 +161,10 @@ class PlainDecPomdp:
         for index, robot in enumerate(self.robots):
             (x, y, heading), was_laden, was_mode, to_home, to_source = before[index]
             robot.action = int(moment.actions[env, index])
-            way = math.hypot(robot.pose[0] - x, robot.pose[1] - y)
+            displacement = math.hypot(robot.pose[0] - x, robot.pose[1] - y)
             turned = abs(math.remainder(robot.pose[2] - heading, 2.0 * math.pi))
-            robot.in_place = robot.in_place + 1 if way < 0.25 * top * period else 0
-            still = way < 0.25 * top * period and turned < 0.25 * arena.robot.top_turn_rate * period
+            robot.in_place = robot.in_place + 1 if displacement < 0.25 * top * period else 0
+            still = displacement < 0.25 * top * period and turned < 0.25 * arena.robot.top_turn_rate * period
             robot.blocked = robot.action != STOP and still and any(moment.touched[:, env, index])
             robot.collided = robot.action != STOP and bool(moment.touched[0, env, index])
             robot.collisions = (robot.collisions if robot.mode == was_mode else 0) + int(robot.collided)

@@ -154,7 +154,7 @@ RUNS: dict[str, tuple[Any, int, float, dict[str, Any]]] = {
         {"robots": 3, "reward": "local", "signed_distance": True, "idle_cost": True},
     ),
     "wheels": (lambda: parse_arena(TINY, "tiny.toml"), 150, 0.0, {"robots": 1, "actions": "wheels"}),
-    "full house": (lambda: load_arena("paper"), 25, 0.2, {"robots": 35, "stigmergy": False}),
+    "full home": (lambda: load_arena("paper"), 25, 0.2, {"robots": 35, "stigmergy": False}),
 }  # fmt: skip
 
 

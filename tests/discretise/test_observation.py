@@ -149,14 +149,14 @@ def test_blocked_moves_are_walls_and_what_leads_away_from_both_goals(arena: str)
         for place in np.ndindex(2, 3):
             column, row = (env.world.state.pose[place][:2] / read.cell_size).astype(int)
             here = read.distances.sample(np.array([column, row]) * read.cell_size + centre)
-            for way, (across, up) in enumerate(NEIGHBOURS[:4]):
+            for move, (across, up) in enumerate(NEIGHBOURS[:4]):
                 if read.zones[row + up, column + across] == 0:
-                    assert closed[(*place, way)]
+                    assert closed[(*place, move)]
                     walls += 1
                     continue
                 there = read.distances.sample(np.array([column + across, row + up]) * read.cell_size + centre)
                 lost = (there - here) / read.cell_size
-                assert closed[(*place, way)] == (lost >= 1.0).all()
+                assert closed[(*place, move)] == (lost >= 1.0).all()
                 free += 1
         observation = env.step(rng.integers(5, size=(2, 3))).observation
     assert min(walls, free) > 100

@@ -10,7 +10,7 @@ from tests.discretise.plain import reward_of
 from tests.discretise.recorded import RUNS, recorded
 
 YES, NO = np.array([[True]]), np.array([[False]])
-FULL, LITTLE, BACK, STILL = (np.array([[way]]) for way in (1.0, 0.11, -1.0, 0.1))
+FULL, LITTLE, BACK, STILL = (np.array([[gained]]) for gained in (1.0, 0.11, -1.0, 0.1))
 NONE, ONE = np.array([[0]]), np.array([[1]])
 
 
@@ -44,10 +44,10 @@ def test_the_four_signals_have_the_papers_values_and_weights(
 
 
 def test_signed_distance_pays_by_length_and_to_and_fro_earns_nothing() -> None:
-    ways = np.array([[1.0, -1.0, 0.5, -0.25, 0.0, 7.0, -7.0]])
-    none, no = np.zeros(ways.shape, dtype=np.int64), np.zeros(ways.shape, dtype=np.bool_)
+    gains = np.array([[1.0, -1.0, 0.5, -0.25, 0.0, 7.0, -7.0]])
+    none, no = np.zeros(gains.shape, dtype=np.int64), np.zeros(gains.shape, dtype=np.bool_)
     config = RewardConfig(signed_distance=True)
-    paid = rewards(config, ways, no, no, none, none, no)
+    paid = rewards(config, gains, no, no, none, none, no)
     assert paid[0].tolist() == pytest.approx([0.5, -0.5, 0.25, -0.125, 0.0, 0.5, -0.5])
 
 
@@ -74,12 +74,12 @@ def test_a_batch_is_what_loops_say(
 ) -> None:
     rng = np.random.default_rng(seed)
     envs, robots = 3, int(rng.integers(1, 9))
-    progress = rng.normal(0.0, 0.5, (envs, robots))
+    gained = rng.normal(0.0, 0.5, (envs, robots))
     collided, laden, idle = rng.random((3, envs, robots)) < 0.5
     pickups = rng.integers(0, 2, (envs, robots))
     deliveries = rng.integers(0, 4, (envs, robots))
     config = RewardConfig(kind=kind, sharing=sharing, signed_distance=signed, idle_cost=idle_cost)
-    got = rewards(config, progress, collided, laden, pickups, deliveries, idle)
+    got = rewards(config, gained, collided, laden, pickups, deliveries, idle)
     for env in range(envs):
         for robot in range(robots):
             if kind == "local":
@@ -88,7 +88,7 @@ def test_a_batch_is_what_loops_say(
                 divisor = robots if sharing == "split" else 1
                 picked = sum(pickups[env].tolist()) / divisor
                 dumped = sum(deliveries[env].tolist()) / divisor
-            alone = progress[env, robot], collided[env, robot], laden[env, robot]
+            alone = gained[env, robot], collided[env, robot], laden[env, robot]
             expected = reward_of(*alone, picked, dumped, idle[env, robot], signed=signed, idle_cost=idle_cost)
             assert got[env, robot] == pytest.approx(expected, abs=1e-12)
 

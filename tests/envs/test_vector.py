@@ -223,16 +223,16 @@ def test_actions_may_be_any_integers_and_are_not_kept() -> None:
 def test_a_snapshot_brings_back_the_moment_to_the_last_bit(arena: str) -> None:
     env = VectorEnv(arena, robots=4, num_envs=2, seed=6, episode_steps=100)
     env.reset()
-    way = lane_actions(VectorEnv(arena, robots=4, num_envs=2, seed=6, episode_steps=1000), 180)
-    at = played(env, way[:130])["observation"][:, -1]  # into the second episode
+    actions = lane_actions(VectorEnv(arena, robots=4, num_envs=2, seed=6, episode_steps=1000), 180)
+    at = played(env, actions[:130])["observation"][:, -1]  # into the second episode
     moment = env.snapshot()
-    once = played(env, way[130:])
+    once = played(env, actions[130:])
     assert_array_equal(env.restore(moment), at)
     assert (env.episode, env.steps_taken, env.autoreset) == (1, 30, True)
-    assert_same(once, played(env, way[130:]))
+    assert_same(once, played(env, actions[130:]))
     other = VectorEnv(arena, robots=4, num_envs=2, seed=0, episode_steps=100)
     assert_array_equal(other.restore(moment), at)
-    assert_same(once, played(other, way[130:]))
+    assert_same(once, played(other, actions[130:]))
 
 
 def test_a_snapshot_at_the_end_of_an_episode_waits_for_reset() -> None:

@@ -27,8 +27,8 @@ def robot_discs(arena: Arena, pose: np.ndarray) -> tuple[np.ndarray, float]:
     sheet = arena.robot
     assert sheet.shape in {"circle", "capsule"}
     along = np.linspace(-0.5, 0.5, 9) * (sheet.length - sheet.width)
-    way = np.stack([np.cos(pose[..., 2]), np.sin(pose[..., 2])], axis=-1)
-    return pose[..., None, :2] + along[:, None] * way[..., None, :], 0.5 * sheet.width
+    nose = np.stack([np.cos(pose[..., 2]), np.sin(pose[..., 2])], axis=-1)
+    return pose[..., None, :2] + along[:, None] * nose[..., None, :], 0.5 * sheet.width
 
 
 class Watch:
@@ -102,7 +102,7 @@ def test_twenty_thousand_random_decisions_of_eight_robots() -> None:
 
 
 def test_twenty_thousand_decisions_in_which_pellets_travel() -> None:
-    """Lanes with a fifth of random actions: pellets are torn loose, lie in the way, and are delivered."""
+    """Lanes with a fifth of random actions: pellets are torn loose, lie about, and are delivered."""
     env = VectorEnv("paper", robots=8, num_envs=16, seed=2, episode_steps=10**6)
     watch = run(env, 1250, 0.2, seed=2)
     assert watch.lost > 20

@@ -23,16 +23,16 @@ MIDDLE = (2.2, 1.1)
 def test_straight_at_top_speed_holds_it(bench, shape) -> None:
     for heading in HEADINGS:
         b = bench([(*MIDDLE, heading)], robot=SHAPES[shape])
-        sheet, way = b.arena.robot, np.array([math.cos(heading), math.sin(heading)])
+        sheet, ahead = b.arena.robot, np.array([math.cos(heading), math.sin(heading)])
         top = sheet.max_wheel_speed
         b.drive(top, top, periods=3)
         start, speeds = np.array(b.robot().position), []
         for _ in range(20):
             b.drive(top, top)
-            speeds.append(np.array(b.robot().velocity) @ way)
+            speeds.append(np.array(b.robot().velocity) @ ahead)
         gone = np.array(b.robot().position) - start
-        error = gone @ way / (2.0 * sheet.top_speed) - 1.0
-        astray = abs(gone[0] * way[1] - gone[1] * way[0])
+        error = gone @ ahead / (2.0 * sheet.top_speed) - 1.0
+        astray = abs(gone[0] * ahead[1] - gone[1] * ahead[0])
         worst = np.abs(np.array(speeds) / sheet.top_speed - 1.0).max()
         print(
             f"{shape} heading {heading:.2f}: distance {error:+.2e}, speed off by at most {worst:.2e}, "
@@ -74,12 +74,12 @@ def test_an_arc_ends_where_kinematics_says(bench, left, right) -> None:
         y - radius * (math.cos(heading + rate) - math.cos(heading)),
     )
     error = math.dist(b.robot().position, expected)
-    way = abs(radius * rate)
+    arc = abs(radius * rate)
     print(
-        f"arc of radius {radius:.3f} m over {way:.3f} m: off by {error:.1e} m "
+        f"arc of radius {radius:.3f} m over {arc:.3f} m: off by {error:.1e} m "
         f"and {b.robot().angle - heading - rate:.1e} rad"
     )
-    assert error < 0.02 * way
+    assert error < 0.02 * arc
     assert b.robot().angle - heading == pytest.approx(rate, rel=0.03)
 
 
@@ -142,14 +142,14 @@ def test_a_robot_against_a_wall_stalls_and_pushes_no_harder_than_its_traction(be
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_pushed_robot_slides_only_beyond_its_traction(bench, shape, direction) -> None:
     """`direction` is that of the push against the heading; above the limit a = (F - F_traction) / m."""
-    way = np.array([math.cos(0.4 + direction), math.sin(0.4 + direction)])
+    ahead = np.array([math.cos(0.4 + direction), math.sin(0.4 + direction)])
     for share in (0.5, 0.95, 1.05, 1.5, 3.0):
         b = bench([(*MIDDLE, 0.4)], robot=SHAPES[shape])
         sheet = b.arena.robot
         b.drive(0.0, 0.0, periods=2)
         force = share * sheet.traction_force
-        b.push(b.robot(), tuple(force * way), 0.2)
-        speed = np.array(b.robot().velocity) @ way
+        b.push(b.robot(), tuple(force * ahead), 0.2)
+        speed = np.array(b.robot().velocity) @ ahead
         expected = max(0.0, (force - sheet.traction_force) / sheet.mass) * 0.2
         moved = math.dist(b.robot().position, MIDDLE)
         print(

@@ -29,10 +29,10 @@ def test_a_pellet_let_go_at_robot_speed_stops_where_coulomb_says(bench, directio
     pellet.velocity = (TOP_SPEED * math.cos(direction), TOP_SPEED * math.sin(direction))
     pellet.activate()
     b.drive(0.0, 0.0, periods=5)
-    way = math.dist(pellet.position, (2.2, 1.1))
+    distance = math.dist(pellet.position, (2.2, 1.1))
     expected = stopping_distance(b.arena.pellets.friction, TOP_SPEED)
-    print(f"slid {1000 * way:.2f} mm, Coulomb {1000 * expected:.2f} mm ({way / expected - 1:+.1%})")
-    assert way == pytest.approx(expected, rel=0.10)
+    print(f"slid {1000 * distance:.2f} mm, Coulomb {1000 * expected:.2f} mm ({distance / expected - 1:+.1%})")
+    assert distance == pytest.approx(expected, rel=0.10)
     assert pellet.velocity.length < 1e-9
 
 
@@ -44,26 +44,27 @@ def test_a_pellet_that_a_robot_pushed_stops_where_coulomb_says(bench) -> None:
     assert pellet.velocity.x == pytest.approx(TOP_SPEED, rel=0.02)
     start = pellet.position.x
     b.drive(0.0, 0.0, periods=5)
-    way = pellet.position.x - start
+    distance = pellet.position.x - start
     expected = stopping_distance(b.arena.pellets.friction, TOP_SPEED)
     print(
-        f"slid {1000 * way:.2f} mm after a push, Coulomb {1000 * expected:.2f} mm ({way / expected - 1:+.1%})"
+        f"slid {1000 * distance:.2f} mm after a push, Coulomb {1000 * expected:.2f} mm "
+        f"({distance / expected - 1:+.1%})"
     )
-    assert way == pytest.approx(expected, rel=0.10)
+    assert distance == pytest.approx(expected, rel=0.10)
 
 
 def test_twice_as_fast_goes_four_times_as_far(bench) -> None:
     b = bench([(1.0, 0.6, 0.0)])
-    ways = []
+    distances = []
     for speed in (0.2, 0.4, 0.8):
         pellet = b.put_pellet((1.4, 1.1))
         pellet.velocity = (speed, 0.0)
         pellet.activate()
         b.drive(0.0, 0.0, periods=10)
-        ways.append(pellet.position.x - 1.4)
-    print("stopping distances of 0.2, 0.4, 0.8 m/s:", [f"{1000 * way:.1f} mm" for way in ways])
-    for way, speed in zip(ways, (0.2, 0.4, 0.8), strict=True):
-        assert way == pytest.approx(stopping_distance(b.arena.pellets.friction, speed), rel=0.10)
+        distances.append(pellet.position.x - 1.4)
+    print("stopping distances of 0.2, 0.4, 0.8 m/s:", [f"{1000 * distance:.1f} mm" for distance in distances])
+    for distance, speed in zip(distances, (0.2, 0.4, 0.8), strict=True):
+        assert distance == pytest.approx(stopping_distance(b.arena.pellets.friction, speed), rel=0.10)
 
 
 def test_a_spinning_pellet_comes_to_rest_as_a_disc_on_the_ground_does(bench) -> None:

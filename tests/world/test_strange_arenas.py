@@ -32,7 +32,7 @@ RAN, REFUSED, FAILED = 0, 10, 11
 
 
 def run(text: str, robots: int, kind: str) -> bool:
-    """Run an arena with random actions, checking all the way; False where it is refused."""
+    """Run an arena with random actions, checking every decision; False where it is refused."""
     arena = arenas.arena_or_none(text)
     if arena is None:
         return False

@@ -99,7 +99,7 @@ class ContactLog:
         # The solver lists contacts by the addresses of its shapes, which differ between processes.
         span = self._bodies + 1
         key = ((slot * len(ContactKind) + kind) * span + bodies[:, 0]) * span + bodies[:, 1]
-        # A robot in a corner touches two walls, which have one key and are told apart by the place.
+        # A robot in a corner touches two walls, which have one key and differ by the place.
         order = np.lexsort((rows[:, 3], rows[:, 2], key))
         time = times[envs] - (timing.control_steps - 1 - period) * timing.control_period
         impulse = np.sqrt(rows[:, 0] ** 2 + rows[:, 1] ** 2)

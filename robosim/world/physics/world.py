@@ -112,7 +112,7 @@ class PhysicsWorld:
     def meter_wheels(self) -> None:
         """Meter `wheel_energy` from now on: what Coulomb friction under slipping wheels takes.
 
-        Force times way of slip, and torque times angle: wheels slip while they speed up or slow down a
+        Force times distance of slip, and torque times angle: wheels slip while they speed up or slow down a
         robot, and while it is held up. Nothing else brakes a robot here and braking gives nothing back, so
         this is all that the motors put out, but for what robots pass on by pushing. Costs a few per cent.
         """
@@ -194,11 +194,11 @@ class PhysicsWorld:
         timing, sheet = self.arena.timing, self.arena.robot
         pose, velocity = before
         slip = self._commands * timing.control_period - (self.state.pose - pose)
-        # The solver moves bodies by the velocity before a substep, so their way lags by half of one.
+        # The solver moves bodies by the velocity before a substep, so their displacement lags by half of one.
         slip -= (self.state.velocity - velocity) * (0.5 * timing.substep)
-        way = np.hypot(slip[..., 0], slip[..., 1])
-        way += 0.5 * sheet.wheel_base * np.abs(wrap_angle(slip[..., 2]))
-        self.wheel_energy += self._traction * way
+        slipped = np.hypot(slip[..., 0], slip[..., 1])
+        slipped += 0.5 * sheet.wheel_base * np.abs(wrap_angle(slip[..., 2]))
+        self.wheel_energy += self._traction * slipped
 
     def _push(self, wheel_speeds: Floats) -> None:
         """Do what `drive` does, but do not look where the bodies have come to."""
