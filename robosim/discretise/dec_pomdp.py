@@ -18,7 +18,7 @@ from robosim.discretise.observation import ObservationLayout, OwnState, write_ow
 from robosim.discretise.pheromone import PheromoneConfig, PheromoneMap
 from robosim.discretise.reward import RewardConfig
 from robosim.discretise.sensing import ExactSensor, Percept, Sensor
-from robosim.discretise.truth import Motion, Truth
+from robosim.discretise.truth import Bools, Motion, Truth, encounters
 from robosim.robot.drivers import STOP
 from robosim.world.state import LOOSE, World, WorldState
 
@@ -90,9 +90,13 @@ class DecPomdp:
         was_true, was_seen = self._true, self._seen
         self._sense(state)
         motion = self._motion(was_true, self._true)
-        reward = self.truth.judge(actions, state, was_true, self._true, motion)
-        seen_motion = motion if self._seen is self._true else self._motion(was_seen, self._seen)
-        self._notice(actions, seen_motion)
+        truth = self.truth
+        reward = truth.judge(actions, state, was_true, self._true, motion)
+        if self._seen is self._true and self._percept.touched is state.touched:
+            self._notice(actions, motion, truth.collided, truth.blocked)
+        else:
+            seen_motion = self._motion(was_seen, self._seen)
+            self._notice(actions, seen_motion, *encounters(actions, self._percept.touched, seen_motion))
         return reward
 
     def _sense(self, state: WorldState) -> None:
@@ -108,14 +112,11 @@ class DecPomdp:
         locator = self._locator
         return Motion(locator.hardly_displaced(before, now), locator.hardly_turned(before, now))
 
-    def _notice(self, actions: NDArray[np.int64], motion: Motion) -> None:
+    def _notice(self, actions: NDArray[np.int64], motion: Motion, collided: Bools, blocked: Bools) -> None:
         """Bring up to date what the robots know of themselves, and leave their marks in the pheromone map."""
-        under_way = actions != STOP
-        other_robot, wall, pellet = self._percept.touched
-        blocked = under_way & motion.still & (other_robot | wall | pellet)
         self.in_place = (self.in_place + 1) * motion.displaced_little
         self.shown_mode = np.where(blocked, COLLISION, self.mode)
-        self.collisions = self.collisions * (self.mode == self._was_mode) + (under_way & other_robot)
+        self.collisions = self.collisions * (self.mode == self._was_mode) + collided
         self.previous_action = actions.copy()
         self.pheromone.update(self._seen.cell, self.shown_mode, self._percept.laden, actions)
 
