@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,9 +99,9 @@ class PhysicsWorld:
         self._control_steps = np.zeros(num_envs, dtype=np.int64)
         self._spaces: list[EpisodeSpace] = []
         self._rngs: list[np.random.Generator] = []
-        # Ids of the pellets and of the ground, sorted, and the slot of each: the ground has the last one.
-        self._listed_ids = np.zeros((num_envs, pellets + 1), dtype=np.uintp)
-        self._rank_slot = np.zeros((num_envs, pellets + 1), dtype=np.intp)
+        # Ids of all pellets and grounds, sorted, and the slot of each: a ground has its environment's last.
+        self._listed_ids = np.zeros(0, dtype=np.uintp)
+        self._slot_of_rank = np.zeros(0, dtype=np.intp)
         self._slots = np.zeros((num_envs, pellets + 1, 2))
         self._log = ContactLog(num_envs, robots, pellets, timing.control_steps)
 
@@ -124,6 +125,11 @@ class PhysicsWorld:
         self._commands[...] = 0.0
         self._spaces = [self._built(env, rng) for env, rng in enumerate(self._rngs)]
         self._log.know_bodies(np.stack([space.body_ids for space in self._spaces]))
+        listed = np.concatenate(
+            [np.append(space.body_ids[self.robots :], space.ground_id) for space in self._spaces]
+        )
+        self._slot_of_rank = np.argsort(listed)
+        self._listed_ids = listed[self._slot_of_rank]
         state = self.state
         for nothing in (state.held, state.touching, state.picked, self._holder, self._last_holder):
             nothing.fill(-1)
@@ -144,9 +150,6 @@ class PhysicsWorld:
         space = EpisodeSpace(self.arena, draws, self._commands[env])
         self._traction[env] = self.arena.robot.traction_force * draws.robot_mass * draws.traction
         self._max_speed[env, :, 0] = self.arena.robot.max_wheel_speed * speed_factor
-        listed = np.append(space.body_ids[self.robots :], space.ground_id)
-        self._rank_slot[env] = np.argsort(listed)
-        self._listed_ids[env] = np.sort(listed)
         self.state.pose[env] = draws.robot_pose
         self._slots[env, :-1] = draws.pellet_place
         return space
@@ -222,13 +225,16 @@ class PhysicsWorld:
     def _read_bodies(self) -> None:
         """Read robots and pellets, and fold the headings, at the end of a decision."""
         robots, state = self.robots, self.state
+        pellet_ids, places = [], []
         for env, space in enumerate(self._spaces):
             ids, bodies = space.bodies()
             state.pose[env] = bodies[:robots, :3]
             state.velocity[env] = bodies[:robots, 3:]
-            # Bodies asleep move to the end of the solver's list, so each is found by its id.
-            rank = self._listed_ids[env].searchsorted(ids[robots:])
-            self._slots[env, self._rank_slot[env, rank]] = bodies[robots:, :2]
+            pellet_ids.append(ids[robots:])
+            places.append(bodies[robots:, :2])
+        # Bodies asleep move to the end of the solver's list, so each is found by its id.
+        rank = self._listed_ids.searchsorted(_joined(pellet_ids))
+        self._slots.reshape(-1, 2)[self._slot_of_rank[rank]] = _joined(places)
         state.pellets[...] = self._slots[:, :-1]
         state.pose[..., 2] = wrap_angle(state.pose[..., 2])
 
@@ -371,6 +377,11 @@ class PhysicsWorld:
             if (apart[:, 0] + apart[:, 1] >= reach).all():
                 return place
         return None
+
+
+def _joined(parts: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return the parts one after another; a single one as it is."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def draw_pellets(arena: Arena, rng: np.random.Generator, gradient: float) -> Floats:
