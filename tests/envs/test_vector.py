@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+import robosim.envs.gym_env
 from robosim.arena import Arena, load_arena, parse_arena
 from robosim.control.controller import make_controller
 from robosim.envs.vector import Snapshot, Transition, VectorEnv
@@ -423,3 +424,40 @@ def test_a_snapshot_that_does_not_fit_is_one_sentence() -> None:
         env.restore,
         Snapshot((1, 2), 0, np.zeros((11, 2, 2), dtype=np.uint8)),
     )
+
+
+def test_the_last_decision_of_an_episode_counts_its_collisions_although_the_next_has_begun() -> None:
+    options = {"robots": 30, "num_envs": 3, "seed": 2, "episode_steps": 40}
+    running, ending = VectorEnv("paper", **options), VectorEnv("paper", **options, autoreset=False)
+    running.reset()
+    ending.reset()
+    actions = np.random.default_rng(0).integers(0, 4, (1, 3, 30)).repeat(40, axis=0)
+    for chosen in actions:
+        one, other = running.step(chosen), ending.step(chosen)
+        assert_array_equal(one.collided, other.collided)
+        assert_array_equal(one.blocked, other.blocked)
+    assert one.truncated.all()
+    assert one.collided.any()
+    assert one.blocked.any()
+    assert not running.dec_pomdp.truth.collided.any()
+
+
+def test_weights_and_values_of_rewards_are_options_of_every_face() -> None:
+    """With all weights but that of collisions at nothing, rewards count collisions alone."""
+    weights = {"distance_weight": 0.0, "pickup_weight": 0.0, "delivery_weight": 0.0}
+    options = {"collision_weight": 1.0, "reward_collision": -3.0, **weights}
+    actions = np.random.default_rng(0).integers(0, 4, (60, 1, 8))
+    env = VectorEnv("paper", robots=8, seed=[5], **options)
+    team = robosim.parallel_env("paper", robots=8, **options)
+    one = robosim.envs.gym_env.ExcavationEnv("paper", robots=8, others="random", **options)
+    env.reset()
+    unladen = env.world.state.held < 0
+    paid = 0.0
+    for chosen in actions:
+        transition = env.step(chosen)
+        assert_array_equal(transition.reward, -3.0 * (transition.collided & unladen))
+        unladen = env.world.state.held < 0
+        paid += float(transition.reward.sum())
+    assert paid < -10.0
+    assert team._batch.config.reward == env.config.reward
+    assert one._batch.config.reward == env.config.reward.changed(kind="local")
