@@ -20,6 +20,7 @@ from robosim.cli.arena import Arena
 from robosim.cli.bench import Bench
 from robosim.cli.demo import Demo
 from robosim.cli.evaluate import Evaluate
+from robosim.cli.extras import missing_extra
 from robosim.cli.play import Play
 from robosim.cli.policy import Policy
 from robosim.cli.train import Train
@@ -78,6 +79,10 @@ def exit_code(action: Callable[[], None], debug: bool) -> int:
     except Exception as error:
         if debug:
             raise
+        extra = missing_extra(error.name or "") if isinstance(error, ModuleNotFoundError) else None
+        if extra is not None:
+            _complain(extra)
+            return 2
         _complain(f"failed: {_one_line(error)} (add --debug for the traceback)")
         return 1
     return 0
