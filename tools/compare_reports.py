@@ -45,8 +45,8 @@ def episodes_of(report: Path) -> tuple[str, list[Episode]]:
 
 def title(driver: str, episodes: list[Episode]) -> str:
     """Return who drove, and how it went."""
-    figures = {summary.metric.compute: summary for summary in summarise(episodes)}
-    brought, share = figures[pellets].values, figures[clogged_share].values
+    summaries = {summary.metric.compute: summary for summary in summarise(episodes)}
+    brought, share = summaries[pellets].defined, summaries[clogged_share].defined
     return (
         f"{driver}, {episodes[0].arena.name}, {episodes[0].robots} robots: {brought.mean():.0f} pellets "
         f"in an episode, clogged {100 * share.mean():.0f} % of the time"

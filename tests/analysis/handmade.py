@@ -28,7 +28,7 @@ HOLD = 10
 ROOM = 0.15
 """A cell of the shipped arenas used here, m."""
 TOP = 0.06
-"""Way in a decision at top speed, m."""
+"""Distance in a decision at top speed, m."""
 LENGTH = 0.11
 """Of a robot, m."""
 
@@ -56,7 +56,7 @@ def middle(column: float, row: float) -> tuple[float, float]:
 
 
 class Script:
-    """A run of decisions 0 to `steps`; robots stand about in the home, told to stop, until told otherwise.
+    """A run of decisions 0 to `steps`; robots stand in the home and decide to stop unless it says otherwise.
 
     Its arrays are [steps + 1, robots, ...], to be written into.
     """
@@ -95,15 +95,15 @@ class Script:
         """Let a robot touch a wall."""
         self.touch(steps, ContactKind.ROBOT_WALL, robot, -1, **how)
 
-    def drive(self, robot: int, way: Sequence[tuple[int, float, float]], action: int = 3) -> None:
-        """Move a robot straight between (decision, x, y), and tell it to; it faces where it goes."""
-        steps = np.array([stop[0] for stop in way])
+    def drive(self, robot: int, path: Sequence[tuple[int, float, float]], action: int = 3) -> None:
+        """Move a robot straight between (decision, x, y), and let it decide to; it faces where it goes."""
+        steps = np.array([stop[0] for stop in path])
         now = np.arange(steps[0], steps[-1] + 1)
         for axis in (0, 1):
-            self.pose[now, robot, axis] = np.interp(now, steps, [stop[1 + axis] for stop in way])
-        self.pose[steps[-1] :, robot, :2] = way[-1][1:]
+            self.pose[now, robot, axis] = np.interp(now, steps, [stop[1 + axis] for stop in path])
+        self.pose[steps[-1] :, robot, :2] = path[-1][1:]
         self.action[steps[0] + 1 : steps[-1] + 1, robot] = action
-        for (begin, *here), (end, *there) in pairwise(way):
+        for (begin, *here), (end, *there) in pairwise(path):
             if here != there:
                 self.pose[begin:end, robot, 2] = np.arctan2(there[1] - here[1], there[0] - here[0])
 
@@ -202,7 +202,7 @@ class Run:
 
 
 class Reckless:
-    """Everyone takes the shortest way, whoever comes, and a random one now and then: it clogs."""
+    """Everyone takes the shortest path, whoever comes, and a random one now and then: it clogs."""
 
     name = "reckless"
 

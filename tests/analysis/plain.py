@@ -117,15 +117,15 @@ def plain_windows(run: PlainRun, decisions: int) -> list[tuple[int, float, float
     found = []
     for begin in range(0, run.last - decisions + 1, decisions):
         for tunnel in range(run.count):
-            time = way = 0.0
+            time = approach = 0.0
             for step in range(begin + 1, begin + decisions + 1):
                 for robot in range(run.robots):
                     if run.inside[step][robot] == tunnel:
                         time += run.period
                         gone = run.to_home[step][robot] - run.to_home[step - 1][robot]
-                        way += -gone if run.frames[step - 1].laden[robot] else gone
+                        approach += -gone if run.frames[step - 1].laden[robot] else gone
             area = run.length[tunnel] * decisions * run.period
-            found.append((tunnel, time / area, way / area))
+            found.append((tunnel, time / area, approach / area))
     return found
 
 
@@ -143,7 +143,7 @@ class PlainCounts:
 
     def __init__(self, run: PlainRun, per_cell: int) -> None:
         self.robots_in_tunnel = [0] * (run.robots + 1)
-        self.two_way = 0
+        self.bidirectional = 0
         self.cells: dict[tuple[bool, int, int], int] = {}
         self.occupancy: dict[tuple[int, int], int] = {}
         self.stops = [0] * run.robots
@@ -158,7 +158,7 @@ class PlainCounts:
                 for robot in there
                 if abs(run.to_home[step][robot] - run.to_home[step - 1][robot]) >= least
             ]
-            self.two_way += len({bool(frame.laden[robot]) for robot in moving}) == 2
+            self.bidirectional += len({bool(frame.laden[robot]) for robot in moving}) == 2
             for robot in moving:
                 key = (bool(frame.laden[robot]), *run.cell(run.place[step][robot]))
                 self.cells[key] = self.cells.get(key, 0) + 1
@@ -223,21 +223,19 @@ class PlainGroups:
         ]
         self.groups = [self._groups(step) for step in range(run.last + 1)]
 
-    def _touches(self, step: int) -> tuple[set[int], set[int], set[frozenset[int]]]:
-        """Who touched anything, who a loose pellet, and which two each other or the same pellet."""
-        anything, pressed, linked = set(), set(), set()
+    def _touches(self, step: int) -> tuple[set[int], set[frozenset[int]]]:
+        """Who touched a loose pellet, and which two touched each other or the same pellet."""
+        pressed, linked = set(), set()
         at: dict[int, set[int]] = {}
         for _, kind, a, b, _ in self.run.contacts(step):
-            anything.add(a)
             if kind == ROBOT_ROBOT:
-                anything.add(b)
                 linked.add(frozenset((a, b)))
             if kind == ROBOT_PELLET:
                 pressed.add(a)
                 at.setdefault(b, set()).add(a)
         for robots in at.values():
             linked |= {frozenset((one, two)) for one in robots for two in robots if one != two}
-        return anything, pressed, linked
+        return pressed, linked
 
     def _window(self, step: int) -> range:
         return range(step - self.hold + 1, step + 1)
@@ -249,16 +247,15 @@ class PlainGroups:
         if math.dist(here, there) >= 0.5 * self.run.arena.robot.length:
             return False
         moving = sum(int(self.run.frames[at].action[robot]) != STOP for at in self._window(step))
-        touched = any(robot in self.touches[at][0] for at in self._window(step))
-        return touched and moving >= self.hold / 2
+        return moving >= self.hold / 2
 
     def linked(self, step: int, one: int, two: int) -> bool:
         pair = frozenset((one, two))
         both = self.held[step][one] and self.held[step][two]
-        return one != two and both and any(pair in self.touches[at][2] for at in self._window(step))
+        return one != two and both and any(pair in self.touches[at][1] for at in self._window(step))
 
     def pressed(self, step: int, robot: int) -> bool:
-        return self.held[step][robot] and any(robot in self.touches[at][1] for at in self._window(step))
+        return self.held[step][robot] and any(robot in self.touches[at][0] for at in self._window(step))
 
     def near(self, step: int, robot: int) -> int:
         return self.run.near_of.get(self.run.cell(self.run.place[step][robot]), -1)
@@ -404,13 +401,13 @@ class PlainClogs:
             for at in range(max(1, stay.last - self.hold + 1), step + 1):
                 if self.run.frames[at].laden[robot] and not self.run.frames[at - 1].laden[robot]:
                     return "TOOK_PELLET"
-        ways = {
+        outward = {
             robot: self.run.to_home[step][robot] - self.run.to_home[stay.last][robot] for robot in stay.stood
         }
-        most = max(sorted(ways), key=lambda robot: abs(ways[robot]))
-        if abs(ways[most]) < 0.5 * self.run.arena.robot.length:
+        most = max(sorted(outward), key=lambda robot: abs(outward[robot]))
+        if abs(outward[most]) < 0.5 * self.run.arena.robot.length:
             return "LET_GO"
-        homeward = ways[most] < 0.0
+        homeward = outward[most] < 0.0
         laden = bool(self.run.frames[stay.last].laden[most])
         return "WENT_ON" if homeward == laden else "BACKED_OFF"
 

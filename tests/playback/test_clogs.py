@@ -344,9 +344,9 @@ def test_clogs_at_the_same_time_lie_in_lanes_of_their_own(tmp_path, jam):
     assert lane["step"].tolist() == [10, 200, 200, 250]
     assert lane["StateChange:state"] == [["queue: 0, 1"], [], ["queue: 0, 1"], []]
     assert second["step"].tolist() == [50, 100, 100, 300]
-    assert second["StateChange:state"] == [["pellet in the way: 2"], [], ["turning: 2, 3"], []]
+    assert second["StateChange:state"] == [["blocked by a pellet: 2"], [], ["turning: 2, 3"], []]
     style = found.static["/modes/clogs_2"]
-    assert style["StateConfiguration:values"] == ["pellet in the way: 2", "turning: 2, 3"]
+    assert style["StateConfiguration:values"] == ["blocked by a pellet: 2", "turning: 2, 3"]
     assert style["StateConfiguration:colors"] == [
         _rgba(palette.CAUSES[cause].colour) for cause in (Cause.PELLET, Cause.TURNING)
     ]

@@ -1,1 +1,1 @@
-"""Clogs: who stands in whose way, since when, and why."""
+"""Clogs: who blocks whom, since when, and why."""

@@ -2,8 +2,8 @@
 
 The definition, in full:
 
-- A robot is *held up* after a decision if within the last `HOLD` seconds it was told to move in at least
-  half of the decisions, was in touch with something, and has come less than half its length far.
+- A robot is *held up* after a decision if within the last `HOLD` seconds at least half of its decisions were
+  to move, and it has come less than half its length far.
 - Held-up robots are *linked* if within that time they touched each other, or the same loose pellet at once.
   What a robot holds is a part of it.
 - Linked robots are a *group* if one of them is in a tunnel or its mouth (within a robot's length of it), and
@@ -46,11 +46,11 @@ ABREAST = 0.25
 
 
 class Cause(Enum):
-    """What stood in the way as a clog began: the first that held at any time in its first `HOLD` s."""
+    """Why nobody could move on as a clog began: the first that held at any time in its first `HOLD` s."""
 
     HEAD_ON = "head-on"
-    """Two linked robots are bound opposite ways and have yet to pass each other."""
-    PELLET = "pellet in the way"
+    """Two linked robots are bound in opposite directions and have yet to pass each other."""
+    PELLET = "blocked by a pellet"
     """A member presses against a loose pellet."""
     TURNING = "turning"
     """A member stands across the tunnel."""
@@ -58,7 +58,7 @@ class Cause(Enum):
     """None of these: robots stand behind or beside each other, and the first does not move on."""
 
 
-_GRAVITY = {cause: number for number, cause in enumerate(Cause)}
+_RANK = {cause: number for number, cause in enumerate(Cause)}
 
 
 class Ending(Enum):
@@ -191,7 +191,7 @@ class ClogFinder:
                     self._cut(chunk, first, first + visit.end - begin, visit)
             for stay in self._stays:
                 if stay.now:
-                    self._judge(chunk, stay, first, end)
+                    self._update_cause(chunk, stay, first, end)
                     stay.last, stay.stood = last, sorted(stay.now)
                     stay.seen.update(dict.fromkeys(stay.now, last))
                     stay.distance, stay.laden = distance[end - 1].copy(), frames.laden[end - 1].copy()
@@ -269,8 +269,8 @@ class ClogFinder:
         seen = int(chunk.frames.step[row])
         return _Onset(step, seen, self._cause(chunk, row, members), (x, y), distance)
 
-    def _judge(self, chunk: _Chunk, stay: _Stay, first: int, end: int) -> None:
-        """Look for a graver cause in rows `first` to `end`, as far as they belong to the first `HOLD`."""
+    def _update_cause(self, chunk: _Chunk, stay: _Stay, first: int, end: int) -> None:
+        """Look for an earlier one of `Cause` in rows `first` to `end`, if they are in the first `HOLD`."""
         begin, onset = int(chunk.frames.step[first]), stay.onset
         rows = range(
             first + max(0, onset.seen + 1 - begin),
@@ -278,7 +278,7 @@ class ClogFinder:
         )
         for row in rows:
             cause = self._cause(chunk, row, sorted(stay.now))
-            if _GRAVITY[cause] < _GRAVITY[stay.onset.cause]:
+            if _RANK[cause] < _RANK[stay.onset.cause]:
                 stay.onset = replace(stay.onset, cause=cause)
 
     def _cause(self, chunk: _Chunk, row: int, members: list[int]) -> Cause:
@@ -301,7 +301,7 @@ class ClogFinder:
         return Cause.TURNING if (inside & across).any() else Cause.QUEUE
 
     def _along(self, pose: Floats) -> Floats:
-        """Return the cosine between headings and the way from home, for poses [n, 3]."""
+        """Return the cosine between headings and the direction straight away from home, for poses [n, 3]."""
         step = 0.25 * self._tunnels.cell_size
         x, y = (
             self._tunnels.distance_to_home(pose[:, :2] + offset)
@@ -326,7 +326,7 @@ class ClogFinder:
                     stay.seen = {}
                     self._shut[stay.tunnel] = step
             elif stay.onset.step < step:
-                self._judge(chunk, stay, first, row)
+                self._update_cause(chunk, stay, first, row)
                 self._end(stay, Ending.PASSAGE, step)
                 stay.members = set(stay.now)
                 stay.onset = self._onset(chunk, row, stay.now, step)
@@ -339,18 +339,18 @@ class ClogFinder:
             if stay.now or last < over:
                 kept.append(stay)
                 continue
-            self._end(stay, self._how(chunk, end - 1 - (last - over), stay), stay.last + 1)
+            self._end(stay, self._ending(chunk, end - 1 - (last - over), stay), stay.last + 1)
         self._stays = kept
 
-    def _how(self, chunk: _Chunk, row: int, stay: _Stay) -> Ending:
-        """Return how a group came apart, from where those that stood last have gone until `row`."""
+    def _ending(self, chunk: _Chunk, row: int, stay: _Stay) -> Ending:
+        """Return what ended a stay, from where those that stood last have gone until `row`."""
         if (chunk.picked[row, stay.stood] > stay.last - self._finder.hold).any():
             return Ending.TOOK_PELLET
-        way = chunk.distance[row, stay.stood] - stay.distance[stay.stood]
-        most = int(np.abs(way).argmax())
-        if abs(way[most]) < 0.5 * self._arena.robot.length:
+        outward = chunk.distance[row, stay.stood] - stay.distance[stay.stood]
+        most = int(np.abs(outward).argmax())
+        if abs(outward[most]) < 0.5 * self._arena.robot.length:
             return Ending.LET_GO
-        ahead = (way[most] > 0.0) != stay.laden[stay.stood[most]]
+        ahead = (outward[most] > 0.0) != stay.laden[stay.stood[most]]
         return Ending.WENT_ON if ahead else Ending.BACKED_OFF
 
     def _transits(self, stay: _Stay, end: int) -> float:

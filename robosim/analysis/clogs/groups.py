@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from robosim.analysis.measure.tunnels import Tunnels
 from robosim.arena.model import Arena
@@ -25,7 +27,7 @@ class Groups(NamedTuple):
     """Who is in a group after each decision of a chunk."""
 
     label: Integers
-    """[rows, robots] a robot's group, told by its lowest member, or -1."""
+    """[rows, robots] the lowest member of a robot's group, or -1."""
     link: Bools
     """[rows, robots, robots] who is linked to whom, within groups; symmetric, False on the diagonal."""
     pellet: Bools
@@ -38,9 +40,7 @@ class _Past(NamedTuple):
     place: Floats
     """[rows, robots, 2] m."""
     moving: Bools
-    """[rows, robots] was told to move."""
-    touched: Bools
-    """[rows, robots] was in touch with something."""
+    """[rows, robots] decided to move."""
     pressed: Bools
     """[rows, robots] was in touch with a loose pellet."""
     linked: Bools
@@ -58,17 +58,16 @@ class GroupFinder:
         nobody = np.zeros((self.hold, robots), dtype=np.bool_)
         # Before the run everybody was elsewhere: nobody is held up in its first decisions.
         nowhere = np.full((self.hold, robots, 2), np.inf)
-        self._past = _Past(nowhere, nobody, nobody, nobody, np.zeros((self.hold, robots, robots), np.bool_))
+        self._past = _Past(nowhere, nobody, nobody, np.zeros((self.hold, robots, robots), np.bool_))
 
     def find(self, frames: FrameColumns) -> Groups:
         """Return the groups of the next rows."""
         hold, place = self.hold, frames.pose[: frames.rows, :, :2]
-        touched, pressed, linked = _touches(frames)
+        pressed, linked = _touches(frames)
         past = self._past
         rows = _Past(
             np.concatenate([past.place, place]),
             np.concatenate([past.moving, frames.action[: frames.rows] != STOP]),
-            np.concatenate([past.touched, touched]),
             np.concatenate([past.pressed, pressed]),
             np.concatenate([past.linked, linked]),
         )
@@ -76,24 +75,22 @@ class GroupFinder:
         self._past = _Past(
             rows.place[-hold:].copy(),
             rows.moving[-hold:].copy(),
-            rows.touched[-hold:].copy(),
             rows.pressed[-hold:].copy(),
             rows.linked[-hold:].copy(),
         )
-        way = place - rows.place[: len(place)]
-        held = way[..., 0] ** 2 + way[..., 1] ** 2 < self._still**2
+        displacement = place - rows.place[: len(place)]
+        held = displacement[..., 0] ** 2 + displacement[..., 1] ** 2 < self._still**2
         held &= 2 * _sums(rows.moving, hold) >= hold
-        held &= _sums(rows.touched, hold) > 0
         pellet = held & (_sums(rows.pressed, hold) > 0)
-        both = held[:, :, None] & held[:, None, :]
-        link = (_sums(rows.linked, hold) > 0) & both
-        same = _reachable(link) & both
+        link = (_sums(rows.linked, hold) > 0) & held[:, :, None] & held[:, None, :]
         cell_row, cell_column = self._tunnels.cells(place)
-        at_tunnel = self._tunnels.near[cell_row, cell_column] >= 0
-        valid = (same.sum(axis=2) >= 2) | (same & pellet[:, None, :]).any(axis=2)
-        valid &= (same & at_tunnel[:, None, :]).any(axis=2)
-        label = np.where(valid, same.argmax(axis=2), -1)
-        return Groups(label, link & valid[:, :, None], pellet & valid)
+        at_tunnel = held & (self._tunnels.near[cell_row, cell_column] >= 0)
+        label = np.full_like(held, -1, dtype=np.int64)
+        # In the other rows everybody is alone, and none at a pellet.
+        busy = (link.any(axis=2) | pellet).any(axis=1)
+        label[busy] = _labelled(link[busy], pellet[busy], at_tunnel[busy])
+        grouped = label >= 0
+        return Groups(label, link & grouped[:, :, None], pellet & grouped)
 
 
 def hold_decisions(arena: Arena) -> int:
@@ -101,19 +98,16 @@ def hold_decisions(arena: Arena) -> int:
     return max(1, round(HOLD / arena.timing.decision_period))
 
 
-def _touches(frames: FrameColumns) -> tuple[Bools, Bools, Bools]:
-    """Return who touched anything, who a loose pellet, and who whom or the same pellet, row by row."""
+def _touches(frames: FrameColumns) -> tuple[Bools, Bools]:
+    """Return who touched a loose pellet, and who touched whom or the same pellet, row by row."""
     rows, robots, count = frames.rows, frames.pose.shape[1], frames.contacts
-    touched = np.zeros((rows, robots), dtype=np.bool_)
     pressed = np.zeros((rows, robots), dtype=np.bool_)
     linked = np.zeros((rows, robots, robots), dtype=np.bool_)
     if count == 0:
-        return touched, pressed, linked
+        return pressed, linked
     row, kind = frames.row_of_contact(), frames.contact_kind[:count]
     a, b = frames.contact_pair[:count].T
-    touched[row, a] = True
     between = kind == ContactKind.ROBOT_ROBOT
-    touched[row[between], b[between]] = True
     linked[row[between], a[between], b[between]] = True
     pellets = kind == ContactKind.ROBOT_PELLET
     row, a, b = row[pellets], a[pellets], b[pellets]
@@ -127,7 +121,7 @@ def _touches(frames: FrameColumns) -> tuple[Bools, Bools, Bools]:
     there, row = there[shared], each[shared] // frames.pellets.shape[1]
     np.logical_or.at(linked, row, there[:, :, None] & there[:, None, :])
     linked &= ~np.eye(robots, dtype=np.bool_)
-    return touched, pressed, linked
+    return pressed, linked
 
 
 def _sums(flags: Bools, span: int) -> NDArray[np.int32]:
@@ -136,16 +130,22 @@ def _sums(flags: Bools, span: int) -> NDArray[np.int32]:
     return np.asarray(sums[span:] - sums[:-span])
 
 
-def _reachable(link: Bools) -> Bools:
-    """Return who hangs together with whom over any number of links, oneself included, row by row."""
-    robots = link.shape[1]
-    reach = link | np.eye(robots, dtype=np.bool_)
-    if not link.any():
-        return reach
-    # Only the rows with links need it; a product of counts is an `any` over ways of twice the length.
-    rows = np.flatnonzero(link.any(axis=(1, 2)))
-    part = reach[rows].astype(np.float32)
-    for _ in range(max(1, int(np.ceil(np.log2(robots))))):
-        part = np.minimum(part @ part, 1.0)
-    reach[rows] = part > 0.0
-    return reach
+def _labelled(link: Bools, pellet: Bools, at_tunnel: Bools) -> Integers:
+    """Return the group of each robot, as its lowest member, or -1 for who is in none: [rows, robots].
+
+    Linked robots are a group if one of them is `at_tunnel` [rows, robots], and they are two, or one at a
+    `pellet` [rows, robots].
+    """
+    rows, robots = pellet.shape
+    row, one, other = np.nonzero(link)
+    # One graph for all rows: robots of different rows are different nodes, and never linked.
+    nodes = rows * robots
+    edges = (row * robots + one, row * robots + other)
+    graph = coo_array((np.ones(len(row), dtype=np.bool_), edges), shape=(nodes, nodes))
+    count, part = connected_components(graph, directed=False)
+    crowd = np.bincount(part, minlength=count) >= 2
+    crowd |= np.bincount(part, pellet.ravel(), count) > 0
+    crowd &= np.bincount(part, at_tunnel.ravel(), count) > 0
+    lowest = np.unique(part, return_index=True)[1] % robots
+    label: Integers = np.where(crowd, lowest, -1)[part]
+    return label.reshape(rows, robots)

@@ -28,7 +28,7 @@ FIGURES: tuple[Plot, ...] = (
     Plot(
         "space-time",
         "Who was where, and when",
-        "A line for each robot: its distance from home along the way, over time. Steep lines are robots "
+        "A line for each robot: its distance from home along the tunnel, over time. Steep lines are robots "
         "at full speed, level ones stand still, and where lines of both colours meet and turn level, "
         "robots have met head-on. Hatched: where the members of a clog stood while it lasted. This is the "
         "episode with the longest clog, or the first one.",
@@ -82,7 +82,7 @@ FIGURES: tuple[Plot, ...] = (
     Plot(
         "trip-time",
         "Where the time of a trip goes",
-        "Mean time from one delivery of a robot to its next, split by mode. Trips that were under way "
+        "Mean time from one delivery of a robot to its next, split by mode. Trips that were not over "
         "when the episode ended are not in it, and so not the time that the last clog took from them.",
         plots.trip_times,
     ),
@@ -97,7 +97,7 @@ FIGURES: tuple[Plot, ...] = (
         "occupancy",
         "Where the robots were",
         "The share of their time that robots spent in each place, mean over robots and episodes, on a "
-        "logarithmic scale, smoothed over the way that a robot makes in a decision. Circles are where "
+        "logarithmic scale, smoothed over the distance that a robot drives in a decision. Circles are where "
         "clogs began.",
         maps.occupancy,
     ),

@@ -84,15 +84,15 @@ def occupancy(episodes: Sequence[Episode]) -> Figure:
 
 
 def smoothed(count: NDArray[np.int64], arena: Arena) -> Floats:
-    """Spread counts over about the way of a decision; nothing goes through walls, and none is lost.
+    """Spread counts over about what a robot drives in a decision; none goes through walls, and none is lost.
 
-    Robots are seen once a decision. In squares smaller than the way between, those that drive in step would
-    leave stripes.
+    Robots are seen once a decision. In squares smaller than what they drive in between, those that drive in
+    step would leave stripes.
     """
     free = np.kron(arena.zones != Zone.WALL, np.ones((PER_CELL, PER_CELL), dtype=np.bool_))
     spread = count.astype(np.float64)
-    way = arena.robot.top_speed * arena.timing.decision_period * PER_CELL / arena.cell_size
-    for _ in range(min(_MOST_PASSES, math.ceil(way) + 1)):
+    squares = arena.robot.top_speed * arena.timing.decision_period * PER_CELL / arena.cell_size
+    for _ in range(min(_MOST_PASSES, math.ceil(squares) + 1)):
         for axis in (0, 1):
             # A quarter goes to each free neighbour. The border of a map is wall: nothing rolls over it.
             up = np.where(free & np.roll(free, -1, axis), 0.25 * spread, 0.0)

@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from robosim.analysis.clogs.finder import Clog
 from robosim.analysis.clogs.groups import HOLD
@@ -26,7 +27,7 @@ from robosim.analysis.report.words import number_of
 Floats = NDArray[np.float64]
 
 _SPANS = (120.0, 180.0, 240.0, 300.0)
-"""Lengths that a strip may have, s; in longer ones, crossings can no longer be told apart."""
+"""Lengths that a strip may have, s; in longer ones, crossings can no longer be seen apart."""
 _STRIPS = 5
 """A page has so many strips of one panel, or fewer of several."""
 _PANELS = 12
@@ -154,7 +155,7 @@ def _draw(
 
 
 def draw_panel(axes: Axes, episode: Episode, tunnel: int, span: Span, unit: TimeUnit, *, near: bool) -> None:
-    """Draw the way of every robot along one tunnel, and its clogs, within `span`; numbered from `near`."""
+    """Draw the path of every robot along one tunnel, and its clogs, within `span`; numbered from `near`."""
     period = episode.arena.timing.decision_period
     begin, length = float(episode.tunnels.home_end[tunnel]), float(episode.tunnels.length[tunnel])
     axes.axhspan(begin, begin + length, facecolor=_TUNNEL, linewidth=0, zorder=0)
@@ -227,7 +228,7 @@ def _pieces(episode: Episode, robot: int, tunnel: int, span: Span) -> list[_Piec
     if episode.tunnels.count == 1:
         shown = np.ones(max(0, len(at) - 1), dtype=np.bool_)
     else:
-        # With the way from the last point before the tunnel, and to the first behind it.
+        # With the line from the last point before the tunnel, and to the first behind it.
         shown = ((at[:-1] == tunnel) & (at[1:] < 0)) | (at[1:] == tunnel) & (at[:-1] < 0)
         shown |= (at[:-1] == tunnel) & (at[1:] == tunnel)
     kind = np.where(shown, laden[1:].astype(np.int8), -1)
@@ -273,16 +274,9 @@ def _draw_numbers(axes: Axes, episode: Episode, tunnel: int, span: Span) -> None
 
 def spread_apart(place: Floats, apart: float) -> Floats:
     """Move sorted places at least `apart`, all together as little as it takes (least squares)."""
-    blocks: list[tuple[float, int]] = []
-    for number, one in enumerate(place.tolist()):
-        mean, count = one - number * apart, 1
-        while blocks and blocks[-1][0] > mean:
-            before, others = blocks.pop()
-            mean = (mean * count + before * others) / (count + others)
-            count += others
-        blocks.append((mean, count))
-    means = np.repeat([mean for mean, _ in blocks], [count for _, count in blocks])
-    return np.asarray(means + apart * np.arange(len(place)))
+    # Places less their order may come no closer than equal: isotonic regression.
+    order = apart * np.arange(len(place))
+    return np.asarray(isotonic_regression(place - order).x + order)
 
 
 def _draw_extent(axes: Axes, episode: Episode, clog: Clog, span: Span, unit: TimeUnit) -> None:
@@ -318,8 +312,8 @@ def _extent(episode: Episode, clog: Clog, span: Span) -> tuple[Floats, Floats, F
     rows = np.flatnonzero((step >= first) & (step < last))
     members, apart = list(clog.members), max(1, round(0.5 * HOLD / (every * period)))
     place = traffic.track[:, members].astype(np.float64)
-    way = np.abs(place[np.minimum(rows + apart, len(step) - 1)] - place[np.maximum(rows - apart, 0)])
-    stands = (way < half) & (traffic.track_tunnel[rows][:, members] == clog.tunnel)
+    displacement = np.abs(place[np.minimum(rows + apart, len(step) - 1)] - place[np.maximum(rows - apart, 0)])
+    stands = (displacement < half) & (traffic.track_tunnel[rows][:, members] == clog.tunnel)
     seen = stands.any(axis=1)
     low = np.where(stands, place[rows], np.inf).min(axis=1, initial=np.inf)[seen]
     high = np.where(stands, place[rows], -np.inf).max(axis=1, initial=-np.inf)[seen]

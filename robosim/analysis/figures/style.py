@@ -1,4 +1,4 @@
-"""The look of the report's figures: sizes, colours that colour-blind people tell apart, and file formats."""
+"""The look of the report's figures: sizes, colours that colour-blind people see apart, and file formats."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ MODES: dict[Mode, tuple[str, str]] = {
 
 
 class Fill(NamedTuple):
-    """How a bar is filled; the hatch tells the colours apart in a black-and-white print."""
+    """How a bar is filled; the hatch keeps causes apart in a black-and-white print."""
 
     colour: str
     hatch: str

@@ -1,1 +1,1 @@
-"""Figures of an episode, read off its frames as they come."""
+"""What happens in an episode, measured from its frames as they come."""

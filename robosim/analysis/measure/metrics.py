@@ -1,4 +1,4 @@
-"""The figures of an episode, each with its formula, unit and source; and what has none says why.
+"""What an episode came to in numbers, each with its formula, unit and source; what has none says why.
 
 A metric is a function of an `Episode`. Its docstring gives the formula and the source; `METRICS` lists
 them in the order of a report.
@@ -26,12 +26,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class NotDefined:
-    """In place of a figure that has no value."""
+    """In place of a value that a metric does not have."""
 
     reason: str
 
 
-Figure = float | NotDefined
+MetricValue = float | NotDefined
+"""What a metric comes to."""
 
 NO_TRIPS = NotDefined("no trips")
 NO_TIME = NotDefined("no decisions were taken")
@@ -42,11 +43,11 @@ ONE_ROBOT = NotDefined("one robot has nobody to share with")
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A figure and how it is shown."""
+    """A number that describes an episode: its name, its unit, and how it is computed."""
 
     name: str
     unit: str
-    compute: Callable[[Episode], Figure]
+    compute: Callable[[Episode], MetricValue]
 
     @property
     def definition(self) -> str:
@@ -61,40 +62,40 @@ class Summary:
     """A metric over several episodes."""
 
     metric: Metric
-    figures: tuple[Figure, ...]
+    values: tuple[MetricValue, ...]
     """Of each episode."""
 
     @property
-    def values(self) -> Floats:
-        """Of the episodes in which the metric is defined."""
-        return np.array([figure for figure in self.figures if not isinstance(figure, NotDefined)])
+    def defined(self) -> Floats:
+        """The values of the episodes in which the metric is defined."""
+        return np.array([value for value in self.values if not isinstance(value, NotDefined)])
 
     @property
-    def mean(self) -> Figure:
+    def mean(self) -> MetricValue:
         """Mean of the episodes in which it is defined; with none, the first one's reason."""
-        values = self.values
-        if len(values):
-            return float(values.mean())
-        return self.figures[0] if self.figures else NotDefined("no episodes")
+        defined = self.defined
+        if len(defined):
+            return float(defined.mean())
+        return self.values[0] if self.values else NotDefined("no episodes")
 
     @property
-    def std(self) -> Figure:
+    def std(self) -> MetricValue:
         """Standard deviation between episodes, with n - 1."""
-        values = self.values
-        return float(values.std(ddof=1)) if len(values) > 1 else NotDefined("fewer than two episodes")
+        defined = self.defined
+        return float(defined.std(ddof=1)) if len(defined) > 1 else NotDefined("fewer than two episodes")
 
 
-def pellets(episode: Episode) -> Figure:
+def pellets(episode: Episode) -> MetricValue:
     """Return sum of the robots' deliveries."""
     return float(episode.totals.delivered.sum())
 
 
-def pellet_rate(episode: Episode) -> Figure:
+def pellet_rate(episode: Episode) -> MetricValue:
     """Return pellets / decisions * 1000."""
     return NO_TIME if episode.decisions == 0 else 1000.0 * _sum(episode.totals.delivered) / episode.decisions
 
 
-def workload_gini(episode: Episode) -> Figure:
+def workload_gini(episode: Episode) -> MetricValue:
     """Return G = 1 - 2 A, with A the area under the Lorenz curve of the pellets of each robot; Gini 1912."""
     if episode.robots == 1:
         return ONE_ROBOT
@@ -102,7 +103,7 @@ def workload_gini(episode: Episode) -> Figure:
     return NotDefined("no pellets were delivered") if value is None else value
 
 
-def active_fraction(episode: Episode) -> Figure:
+def active_fraction(episode: Episode) -> MetricValue:
     """Return mean, over stretches of 120 s, of the share of robots that were in a tunnel; Aguilar 2018."""
     if episode.tunnels.count == 0:
         return NO_TUNNEL
@@ -110,22 +111,22 @@ def active_fraction(episode: Episode) -> Figure:
     return float(active.mean()) if len(active) else NotDefined("the run is shorter than 120 s")
 
 
-def told_to_stop(episode: Episode) -> Figure:
-    """Return share of all robots' decisions that were Stop: standing by choice, which is no clog."""
+def stop_share(episode: Episode) -> MetricValue:
+    """Return share of all robots' decisions that were Stop: who stands by choice is in no clog."""
     return _share(_sum(episode.traffic.stops), episode.decisions * episode.robots, NO_TIME)
 
 
-def trip_time(episode: Episode) -> Figure:
+def trip_time(episode: Episode) -> MetricValue:
     """Return mean time from a robot's delivery, or the start, to its next delivery."""
     trips = episode.trips
     return NO_TRIPS if not trips else sum(sum(trip.seconds) for trip in trips) / len(trips)
 
 
-def trip_share_of(mode: Mode) -> Callable[[Episode], Figure]:
+def trip_share_of(mode: Mode) -> Callable[[Episode], MetricValue]:
     """Return the metric that splits the time of trips by mode."""
     name = mode.name.capitalize().replace("_", "-")
 
-    def share(episode: Episode) -> Figure:
+    def share(episode: Episode) -> MetricValue:
         time = np.array([trip.seconds for trip in episode.trips]).reshape(-1, len(Mode)).sum(axis=0)
         return _share(time[mode], float(time.sum()), NO_TRIPS)
 
@@ -133,7 +134,7 @@ def trip_share_of(mode: Mode) -> Callable[[Episode], Figure]:
     return share
 
 
-def contacts_per_trip(kind: ContactKind) -> Callable[[Episode], Figure]:
+def contacts_per_trip(kind: ContactKind) -> Callable[[Episode], MetricValue]:
     """Return the metric that counts touches of one kind."""
     what = {
         ContactKind.ROBOT_ROBOT: "another robot (counted for both)",
@@ -141,7 +142,7 @@ def contacts_per_trip(kind: ContactKind) -> Callable[[Episode], Figure]:
         ContactKind.ROBOT_PELLET: "a loose pellet",
     }[kind]
 
-    def touches(episode: Episode) -> Figure:
+    def touches(episode: Episode) -> MetricValue:
         return _share(_sum(episode.totals.contacts[:, kind]), len(episode.trips), NO_TRIPS)
 
     touches.__doc__ = (
@@ -151,7 +152,7 @@ def contacts_per_trip(kind: ContactKind) -> Callable[[Episode], Figure]:
     return touches
 
 
-def impulse_per_trip(episode: Episode) -> Figure:
+def impulse_per_trip(episode: Episode) -> MetricValue:
     """Return impulse that robots pass to each other, counted for both, over trips.
 
     The solver's impulse of the last substep of a control period stands for all of its substeps.
@@ -159,7 +160,7 @@ def impulse_per_trip(episode: Episode) -> Figure:
     return _share(_sum(episode.totals.impulse), len(episode.trips), NO_TRIPS)
 
 
-def reversals_per_trip(episode: Episode) -> Figure:
+def reversals_per_trip(episode: Episode) -> MetricValue:
     """Return visits of a tunnel that went a robot's length deep and ended where they began, over trips.
 
     (Reversals: Aguilar 2018.)
@@ -171,16 +172,16 @@ def reversals_per_trip(episode: Episode) -> Figure:
     return _share(turned, len(episode.trips), NO_TRIPS)
 
 
-def energy_per_pellet(episode: Episode) -> Figure:
+def energy_per_pellet(episode: Episode) -> MetricValue:
     """Return energy that slip takes at the wheels of all robots, over pellets.
 
-    Force times way of slip, under Coulomb's law; what is passed on by pushing is not in it.
+    Force times slip distance, under Coulomb's law; what is passed on by pushing is not in it.
     """
     delivered = _sum(episode.totals.delivered)
     return _share(_sum(episode.totals.energy), delivered, NotDefined("no pellets were delivered"))
 
 
-def passages(episode: Episode) -> Figure:
+def passages(episode: Episode) -> MetricValue:
     """Return visits of a tunnel that came in at one end and left at the other, over the hours of the run."""
     if episode.tunnels.count == 0:
         return NO_TUNNEL
@@ -188,20 +189,21 @@ def passages(episode: Episode) -> Figure:
     return _share(3600.0 * through, episode.seconds, NO_TIME)
 
 
-def tunnel_density(episode: Episode) -> Figure:
+def tunnel_density(episode: Episode) -> MetricValue:
     """Return mean over stretches of 30 s, and tunnels, of k = sum of times in it / (L T); Edie 1963."""
     return _mean_of_windows(episode, episode.traffic.windows.density)
 
 
-def tunnel_flow(episode: Episode) -> Figure:
-    """Return mean over stretches of 30 s, and tunnels, of q = sum of ways toward the goals in it / (L T).
+def tunnel_flow(episode: Episode) -> MetricValue:
+    """Return mean over stretches of 30 s, and tunnels, of q = sum of approaches to the goals in it / (L T).
 
-    Way back counts against it, so that to and fro is no flow. (Edie 1963.)
+    An approach is by how much a robot's distance to its goal falls. What it rises by counts against the flow,
+    so that to and fro is none. (Edie 1963.)
     """
     return _mean_of_windows(episode, episode.traffic.windows.flow)
 
 
-def mean_in_tunnel(episode: Episode) -> Figure:
+def mean_in_tunnel(episode: Episode) -> MetricValue:
     """Return mean number of robots in the tunnels at once."""
     if episode.tunnels.count == 0:
         return NO_TUNNEL
@@ -209,7 +211,7 @@ def mean_in_tunnel(episode: Episode) -> Figure:
     return _share(float((count * np.arange(len(count))).sum()), _sum(count), NO_TIME)
 
 
-def most_in_tunnel(episode: Episode) -> Figure:
+def most_in_tunnel(episode: Episode) -> MetricValue:
     """Return largest number of robots in the tunnels at once."""
     if episode.tunnels.count == 0:
         return NO_TUNNEL
@@ -217,32 +219,32 @@ def most_in_tunnel(episode: Episode) -> Figure:
     return float(there[-1]) if len(there) else NO_TIME
 
 
-def alone_share(episode: Episode) -> Figure:
+def alone_share(episode: Episode) -> MetricValue:
     """Return time with one robot in the tunnels, over the time with any."""
     count = episode.traffic.robots_in_tunnel
     return _share(float(count[1]), _sum(count[1:]), _no_visit(episode))
 
 
-def two_way_share(episode: Episode) -> Figure:
-    """Return time in which laden and unladen robots make way in the tunnels at once, over that with any."""
+def bidirectional_share(episode: Episode) -> MetricValue:
+    """Return time in which laden and unladen robots move along the tunnels at once, over that with any."""
     return _share(
-        float(episode.traffic.two_way), _sum(episode.traffic.robots_in_tunnel[1:]), _no_visit(episode)
+        float(episode.traffic.bidirectional), _sum(episode.traffic.robots_in_tunnel[1:]), _no_visit(episode)
     )
 
 
-def lane_segregation(episode: Episode) -> Figure:
+def lane_segregation(episode: Episode) -> MetricValue:
     """Return D = 1/2 sum |u_c / U - l_c / L| over cells c of the tunnels; u, l: unladen and laden traffic.
 
-    Traffic is the time in which robots make way there. 0 when both use the same cells, 1 when each have
+    Traffic is the time in which robots move along there. 0 when both use the same cells, 1 when each have
     their own. (Duncan and Duncan 1955.)
     """
     if episode.tunnels.count == 0:
         return NO_TUNNEL
     value = segregation(episode.traffic)
-    return NotDefined("not both laden and unladen robots made way in a tunnel") if value is None else value
+    return NotDefined("not both laden and unladen robots moved along a tunnel") if value is None else value
 
 
-def median_lapse(episode: Episode) -> Figure:
+def median_lapse(episode: Episode) -> MetricValue:
     """Return median time between consecutive passages of the same tunnel; Garcimartin et al. 2014."""
     if episode.tunnels.count == 0:
         return NO_TUNNEL
@@ -250,7 +252,7 @@ def median_lapse(episode: Episode) -> Figure:
     return float(np.median(times)) if len(times) else NotDefined("fewer than two passages of a tunnel")
 
 
-def lapse_exponent(episode: Episode) -> Figure:
+def lapse_exponent(episode: Episode) -> MetricValue:
     """Return alpha of p(t) ~ t^-alpha for the tail of the lapses, by maximum likelihood.
 
     At 2 and below the mean lapse has no bound. (Clauset et al. 2009; Zuriguel et al. 2014.)
@@ -264,25 +266,25 @@ def lapse_exponent(episode: Episode) -> Figure:
     return NotDefined(f"a tail wants {LEAST} lapses and more, not all the same: there are {len(times)}")
 
 
-def clog_count(episode: Episode) -> Figure:
+def clog_count(episode: Episode) -> MetricValue:
     """Return how many clogs; see `robosim.analysis.clogs.finder` for what one is."""
     return NO_TUNNEL if episode.tunnels.count == 0 else float(len(clogs(episode)))
 
 
-def clogged_share(episode: Episode) -> Figure:
+def clogged_share(episode: Episode) -> MetricValue:
     """Return decisions with at least one clog standing, over all."""
     if episode.tunnels.count == 0:
         return NO_TUNNEL
     return _share(clogged_decisions(clogs(episode), episode.decisions), episode.decisions, NO_TIME)
 
 
-def clog_duration(episode: Episode) -> Figure:
+def clog_duration(episode: Episode) -> MetricValue:
     """Return mean duration of the clogs."""
     durations = clog_durations(episode)
     return float(durations.mean()) if len(durations) else _no_clog(episode)
 
 
-def longest_clog(episode: Episode) -> Figure:
+def longest_clog(episode: Episode) -> MetricValue:
     """Return duration of the longest clog."""
     durations = clog_durations(episode)
     return float(durations.max()) if len(durations) else _no_clog(episode)
@@ -304,7 +306,7 @@ METRICS: tuple[Metric, ...] = (
     Metric("pellets in 1000 decisions", "", pellet_rate),
     Metric("Gini coefficient of the workload", "", workload_gini),
     Metric("active fraction", "", active_fraction),
-    Metric("told to stop", "", told_to_stop),
+    Metric("decisions to stop", "", stop_share),
     Metric("trip time", "s", trip_time),
     *(
         Metric(f"- of it {mode.name.capitalize().replace('_', '-')}", "", trip_share_of(mode))
@@ -322,7 +324,7 @@ METRICS: tuple[Metric, ...] = (
     Metric("robots in the tunnels, mean", "", mean_in_tunnel),
     Metric("robots in the tunnels, most", "", most_in_tunnel),
     Metric("one robot alone in the tunnels", "", alone_share),
-    Metric("two-way traffic", "", two_way_share),
+    Metric("bidirectional traffic", "", bidirectional_share),
     Metric("lane segregation", "", lane_segregation),
     Metric("lapse between passages, median", "s", median_lapse),
     Metric("lapse tail exponent", "", lapse_exponent),
@@ -338,20 +340,25 @@ def summarise(episodes: Sequence[Episode]) -> list[Summary]:
     return [Summary(metric, tuple(metric.compute(episode) for episode in episodes)) for metric in METRICS]
 
 
-def shown(figure: Figure) -> str:
-    """Return a figure as text: four digits that count, or why it is not defined."""
-    if isinstance(figure, NotDefined):
-        return f"not defined: {figure.reason}"
-    if not math.isfinite(figure):
-        raise ValueError(f"a figure must be finite or NotDefined, not {figure}")
-    return f"{figure:.4g}"
+def shown(value: MetricValue) -> str:
+    """Return a metric's value as text: four significant digits, or why it is not defined."""
+    if isinstance(value, NotDefined):
+        return f"not defined: {value.reason}"
+    return f"{require_finite(value):.4g}"
+
+
+def require_finite(value: float) -> float:
+    """Return `value`; ValueError for one that is neither a number nor said to be undefined."""
+    if not math.isfinite(value):
+        raise ValueError(f"a metric must be finite or NotDefined, not {value}")
+    return value
 
 
 def _sum(values: NDArray[np.floating] | NDArray[np.integer]) -> float:
     return float(values.sum())
 
 
-def _share(part: float, whole: float, otherwise: NotDefined) -> Figure:
+def _share(part: float, whole: float, otherwise: NotDefined) -> MetricValue:
     return otherwise if whole == 0 else float(part) / float(whole)
 
 
@@ -363,7 +370,7 @@ def _no_clog(episode: Episode) -> NotDefined:
     return NO_TUNNEL if episode.tunnels.count == 0 else NotDefined("no clogs")
 
 
-def _mean_of_windows(episode: Episode, values: Floats) -> Figure:
+def _mean_of_windows(episode: Episode, values: Floats) -> MetricValue:
     if episode.tunnels.count == 0:
         return NO_TUNNEL
     return float(values.mean()) if len(values) else NotDefined("the run is shorter than 30 s")

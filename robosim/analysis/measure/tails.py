@@ -1,4 +1,8 @@
-"""The tail of a distribution: a power law fitted to the lapses between passages tells a clogging flow."""
+"""The tail of a distribution: a power law fitted to the lapses between passages shows a clogging flow.
+
+scipy.stats fits a Pareto law to a whole sample, but does not look for where a tail begins; that search, after
+Clauset et al. (2009), is what this module is about.
+"""
 
 from __future__ import annotations
 

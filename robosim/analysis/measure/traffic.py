@@ -22,8 +22,8 @@ WINDOW = 30.0
 """Time over which flow and density are averaged for one point of the fundamental diagram, s."""
 ACTIVE_WINDOW = 120.0
 """Time within which an active robot has been in a tunnel, s: two to four free round trips."""
-MAKES_WAY = 0.25
-"""A robot makes way in a decision that brings it along the tunnel with this share of its top speed."""
+MOVES_ALONG = 0.25
+"""A robot moves along the tunnel in a decision that takes it along with this share of its top speed."""
 PER_CELL = 4
 """Squares of the occupancy map to a side of a cell."""
 TRACK_TIME = 1.5
@@ -38,7 +38,7 @@ class Windows(NamedTuple):
     density: Floats
     """[n] time that robots spend in the tunnel, over length and time: robots / m."""
     flow: Floats
-    """[n] way that robots make toward their goals in the tunnel, over length and time: robots / s."""
+    """[n] approach of the robots in the tunnel to their goals, over length and time: robots / s."""
 
 
 @dataclass(slots=True)
@@ -50,10 +50,10 @@ class Traffic:
     windows: Windows
     robots_in_tunnel: Integers
     """[robots + 1] decisions after which so many robots were in the tunnels."""
-    two_way: int
-    """Decisions in which laden and unladen robots made way in the tunnels at once."""
+    bidirectional: int
+    """Decisions in which laden and unladen robots moved along the tunnels at once."""
     unladen_cells: Integers
-    """[rows, columns] decisions in which unladen robots made way in each cell of the tunnels."""
+    """[rows, columns] decisions in which unladen robots moved along each cell of the tunnels."""
     laden_cells: Integers
     """[rows, columns] the same of laden robots."""
     occupancy: Integers
@@ -78,7 +78,7 @@ class TrafficMeter:
     def __init__(self, arena: Arena, robots: int, tunnels: Tunnels) -> None:
         self._tunnels = tunnels
         self._robots = robots
-        self._least_way = MAKES_WAY * arena.robot.top_speed * arena.timing.decision_period
+        self._least_displacement = MOVES_ALONG * arena.robot.top_speed * arena.timing.decision_period
         period = arena.timing.decision_period
         self._period = period
         self._window = max(1, round(WINDOW / period))
@@ -93,13 +93,13 @@ class TrafficMeter:
         self._decisions = 0
         shape = (arena.rows, arena.columns)
         self._count = np.zeros(robots + 1, dtype=np.int64)
-        self._two_way = 0
+        self._bidirectional = 0
         self._stops = np.zeros(robots, dtype=np.int64)
         self._cells = np.zeros((2, shape[0] * shape[1]), dtype=np.int64)
         self._occupancy = np.zeros(shape[0] * shape[1] * PER_CELL**2, dtype=np.int64)
         self._shape = shape
         self._window_time = np.zeros(tunnels.count, dtype=np.int64)
-        self._window_way = np.zeros(tunnels.count)
+        self._window_approach = np.zeros(tunnels.count)
         self._windows: list[Floats] = []
         self._was_active = np.zeros(robots, dtype=np.bool_)
         self._active: list[float] = []
@@ -125,7 +125,7 @@ class TrafficMeter:
         now = inside[first:]
         if len(now):
             self._add_windows(now, distance[first:] - was, carried)
-            moving = np.abs(distance[first:] - was) >= self._least_way
+            moving = np.abs(distance[first:] - was) >= self._least_displacement
             self._add_counts(now, moving, laden[first:], (rows[first:], columns[first:]), place[first:])
             self._add_activity(now)
             self._stops += (frames.action[first : frames.rows] == STOP).sum(axis=0)
@@ -154,7 +154,7 @@ class TrafficMeter:
             visits=visits,
             windows=Windows(windows[:, 0].astype(np.int64), windows[:, 1], windows[:, 2]),
             robots_in_tunnel=self._count.copy(),
-            two_way=self._two_way,
+            bidirectional=self._bidirectional,
             unladen_cells=self._cells[0].reshape(rows, columns).copy(),
             laden_cells=self._cells[1].reshape(rows, columns).copy(),
             occupancy=self._occupancy.reshape(rows * PER_CELL, columns * PER_CELL).copy(),
@@ -166,8 +166,11 @@ class TrafficMeter:
             track_laden=laden,
         )
 
-    def _add_windows(self, now: Integers, way: Floats, laden: Bools) -> None:
-        """Add up time and way toward the goal in each tunnel, and close the windows that are full."""
+    def _add_windows(self, now: Integers, outward: Floats, laden: Bools) -> None:
+        """Add up time and approach to the goal in each tunnel, and close the windows that are full.
+
+        `outward` [rows, robots] is by how much the distance to home grew, m.
+        """
         count = self._tunnels.count
         if count == 0:
             return
@@ -175,20 +178,20 @@ class TrafficMeter:
         inside = now >= 0
         # What the window has so far comes first, and `bincount` adds in order: chunks change no bit.
         place = np.concatenate([np.arange(count), (number[:, None] * count + now)[inside]])
-        toward = np.concatenate([self._window_way, np.where(laden, -way, way)[inside]])
+        approach = np.concatenate([self._window_approach, np.where(laden, -outward, outward)[inside]])
         size = (int(number[-1]) + 1) * count
         time = np.bincount(place, minlength=size).reshape(-1, count)
         time[0] += self._window_time - 1
-        ways = np.bincount(place, toward, minlength=size).reshape(-1, count)
+        approached = np.bincount(place, approach, minlength=size).reshape(-1, count)
         full = (self._decisions + len(now)) // self._window - self._decisions // self._window
         length = self._tunnels.length
         for one in range(full):
             density = time[one] / (self._window * length)
-            flow = ways[one] / (self._window * self._period * length)
+            flow = approached[one] / (self._window * self._period * length)
             self._windows.append(np.stack([np.arange(count), density, flow], axis=1))
         nothing = full == len(time)
         self._window_time = np.zeros_like(time[0]) if nothing else time[-1].copy()
-        self._window_way = np.zeros_like(ways[0]) if nothing else ways[-1].copy()
+        self._window_approach = np.zeros_like(approached[0]) if nothing else approached[-1].copy()
 
     def _add_counts(
         self, now: Integers, moving: Bools, laden: Bools, cell: tuple[Integers, Integers], place: Floats
@@ -199,7 +202,7 @@ class TrafficMeter:
         # Who stands in a jam is no traffic: its lane and direction say nothing of how the team shares.
         within = within & moving
         both = (within & laden).any(axis=1) & (within & ~laden).any(axis=1)
-        self._two_way += int(both.sum())
+        self._bidirectional += int(both.sum())
         flat = cell[0] * columns + cell[1]
         for carries, cells in enumerate(self._cells):
             cells += np.bincount(flat[within & (laden == carries)], minlength=rows * columns)
@@ -231,9 +234,9 @@ class TrafficMeter:
 def segregation(traffic: Traffic) -> float | None:
     """Return how far laden and unladen robots keep to different cells of the tunnels, 0 to 1.
 
-    D = 1/2 sum |u_c / U - l_c / L| over the cells c, with the time in which unladen and laden robots make
-    way in them: the dissimilarity index (Duncan and Duncan 1955). Two separate lanes give 1, a shared one 0.
-    None unless both have made way in a tunnel.
+    D = 1/2 sum |u_c / U - l_c / L| over the cells c, with the time in which unladen and laden robots move
+    along them: the dissimilarity index (Duncan and Duncan 1955). Two separate lanes give 1, a shared one 0.
+    None unless both have moved along a tunnel.
     """
     unladen, laden = traffic.unladen_cells.sum(), traffic.laden_cells.sum()
     if unladen == 0 or laden == 0:

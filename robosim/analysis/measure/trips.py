@@ -23,7 +23,7 @@ _TALLIES = _ENERGY + 1
 
 
 class Trip(NamedTuple):
-    """A robot's way from its last delivery, or the start of the run, to a delivery."""
+    """What a robot does from its last delivery, or the start of the run, to a delivery."""
 
     robot: int
     start: int
@@ -63,7 +63,7 @@ class TripLog:
     A decision's time counts for the mode that it led to.
 
     A touch is a series of contacts of the same two bodies with no pause longer than a decision. The solver
-    tells a contact's impulse for the last substep of each control period; the impulse of the period is taken
+    gives a contact's impulse for the last substep of each control period; the impulse of the period is taken
     to be as many times that as it has substeps.
     """
 

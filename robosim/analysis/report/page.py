@@ -192,7 +192,7 @@ def _metric_table(summaries: Sequence[Summary]) -> str:
             Column("metric", [text(metric.name) for metric in metrics]),
             Column("mean", [_mean(summary) for summary in summaries], True),
             Column("std", stds, True),
-            Column("n", [str(len(summary.values)) for summary in summaries], True),
+            Column("n", [str(len(summary.defined)) for summary in summaries], True),
             Column("unit", [text(metric.unit) for metric in metrics]),
             Column("what it is", [code(metric.definition) for metric in metrics]),
         ]

@@ -1,4 +1,4 @@
-"""What was measured as tables for other programs: events and flow as Parquet, all figures as JSON."""
+"""What was measured as tables for other programs: events and flow as Parquet, all metrics as JSON."""
 
 from __future__ import annotations
 
@@ -7,12 +7,19 @@ from collections.abc import Iterable, Sequence
 from enum import Enum
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 
 import robosim
 from robosim.analysis.clogs.finder import TRANSITS, Clog, clogged_decisions
-from robosim.analysis.measure.metrics import NO_TIME, NO_TUNNEL, Figure, NotDefined, Summary, clogs
+from robosim.analysis.measure.metrics import (
+    NO_TIME,
+    NO_TUNNEL,
+    MetricValue,
+    NotDefined,
+    Summary,
+    clogs,
+    require_finite,
+)
 from robosim.analysis.measure.monitor import Episode
 from robosim.analysis.measure.strategy import classify
 from robosim.control.card import Evaluation
@@ -20,7 +27,7 @@ from robosim.discretise.modes import Mode
 from robosim.world.contacts import ContactKind
 
 SENSITIVITY = (1.0, 2.0, 3.0, 4.0)
-"""Free-flow transit times k for which the clogged share is told."""
+"""Free-flow transit times k for which the share of time clogged is given."""
 
 _WORD_OF_KIND = {
     ContactKind.ROBOT_ROBOT: "touches_of_robots",
@@ -132,7 +139,7 @@ def clog_records(episodes: Sequence[Episode]) -> list[dict[str, Any]]:
     ]
 
 
-def clogged_share_by_transits(episodes: Sequence[Episode]) -> dict[float, Figure]:
+def clogged_share_by_transits(episodes: Sequence[Episode]) -> dict[float, MetricValue]:
     """Return for each k of `SENSITIVITY` the share of time clogged, if clogs last longer than k transits."""
     decisions = sum(episode.decisions for episode in episodes)
     if episodes[0].tunnels.count == 0:
@@ -164,10 +171,10 @@ def metrics_record(
                 "name": summary.metric.name,
                 "unit": summary.metric.unit,
                 "definition": summary.metric.definition,
-                "mean": _figure_record(summary.mean),
-                "std": _figure_record(summary.std),
-                "n": len(summary.values),
-                "episodes": [_figure_record(figure) for figure in summary.figures],
+                "mean": _value_record(summary.mean),
+                "std": _value_record(summary.std),
+                "n": len(summary.defined),
+                "episodes": [_value_record(value) for value in summary.values],
             }
             for summary in summaries
         ],
@@ -177,7 +184,7 @@ def metrics_record(
         "clogs": {
             "transits": TRANSITS,
             "clogged_share_by_transits": {
-                f"{k:g}": _figure_record(share) for k, share in clogged_share_by_transits(episodes).items()
+                f"{k:g}": _value_record(share) for k, share in clogged_share_by_transits(episodes).items()
             },
             "causes": counted(clog.cause for clog in every),
             "endings": counted(clog.ending for clog in every),
@@ -210,9 +217,7 @@ def _clog_record(number: int, clog: Clog, period: float) -> dict[str, Any]:
     }
 
 
-def _figure_record(figure: Figure) -> dict[str, float | str | None]:
-    if isinstance(figure, NotDefined):
-        return {"value": None, "reason": figure.reason}
-    if not np.isfinite(figure):
-        raise ValueError(f"a figure must be finite or NotDefined, not {figure}")
-    return {"value": figure}
+def _value_record(value: MetricValue) -> dict[str, float | str | None]:
+    if isinstance(value, NotDefined):
+        return {"value": None, "reason": value.reason}
+    return {"value": require_finite(value)}

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from robosim.analysis.clogs.finder import TRANSITS
-from robosim.analysis.measure.metrics import Figure, NotDefined, clogged_share, clogs, told_to_stop
+from robosim.analysis.measure.metrics import MetricValue, NotDefined, clogged_share, clogs, stop_share
 from robosim.analysis.measure.monitor import Episode
 from robosim.analysis.measure.strategy import Strategy, classify
 from robosim.analysis.report.tables import counted
@@ -16,7 +16,7 @@ _OFTEN = 0.05
 
 
 def congestion_lines(episodes: Sequence[Episode]) -> list[tuple[str, str]]:
-    """Return the main figures of congestion, each with its name, for the command line."""
+    """Return the main numbers of congestion, each with its name, for the command line."""
     lines = [("time clogged", clogged_in_short(episodes))]
     found = [clog for one in episodes for clog in clogs(one)]
     if found:
@@ -66,10 +66,11 @@ def summary_sentences(episodes: Sequence[Episode]) -> list[str]:
         + (f" ({why})." if len(totals) == 1 else f"; episode 0: {why}."),
         *_clog_sentences(episodes),
     ]
-    stops = told_to_stop(first)
+    stops = stop_share(first)
     if not isinstance(stops, NotDefined) and stops >= _OFTEN:
         sentences.append(
-            f"In episode 0, {percent(stops)} of all decisions were to stop: standing by choice is no clog."
+            f"In episode 0, {percent(stops)} of all decisions were to stop: "
+            "who stands by choice is in no clog."
         )
     return sentences
 
@@ -77,7 +78,7 @@ def summary_sentences(episodes: Sequence[Episode]) -> list[str]:
 def clog_definition(episode: Episode) -> str:
     """Return what counts as a clog in this arena."""
     words = (
-        "Robots that are told to move and cannot, linked by contact with each other or with the same loose "
+        "Robots that decide to move and cannot, linked by contact with each other or with the same loose "
         "pellet, at least one of them in a tunnel or its mouth, while nobody gets through the tunnel"
     )
     times = sorted({round(TRANSITS * float(time), 1) for time in episode.tunnels.transit_time})
@@ -86,14 +87,14 @@ def clog_definition(episode: Episode) -> str:
     seconds = " or ".join(f"{time:g} s" for time in times)
     return (
         f"{words}, for longer than k = {TRANSITS:g} times what a robot at top speed takes for the tunnel: "
-        f"here {seconds}. Robots that are told to stop are no clog."
+        f"here {seconds}. Robots that decide to stop are in no clog."
     )
 
 
-def mean_share(figures: Sequence[Figure]) -> str:
+def mean_share(shares: Sequence[MetricValue]) -> str:
     """Return the mean of shares as a percentage."""
-    values = [figure for figure in figures if not isinstance(figure, NotDefined)]
-    return percent(sum(values) / len(values)) if values else "not defined"
+    defined = [share for share in shares if not isinstance(share, NotDefined)]
+    return percent(sum(defined) / len(defined)) if defined else "not defined"
 
 
 def percent(share: float) -> str:

@@ -68,7 +68,7 @@ def write_report(folder: Path, watched: Watched) -> Path:
 
 
 def _write_table(table: pa.Table, path: Path) -> None:
-    # By way of the memory, since pyarrow's own errors for files are many lines long.
+    # Through memory, since pyarrow's own errors for files are many lines long.
     buffer = pa.BufferOutputStream()
     pq.write_table(table, buffer)
     path.write_bytes(buffer.getvalue())

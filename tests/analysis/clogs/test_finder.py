@@ -47,12 +47,12 @@ def arrive(script: Script, robot: int, x: float, heading: int, y: float = Y, hal
     script.action[1:, robot] = 3
 
 
-def leave(script: Script, robot: int, heading: int, over: int = OVER, way: float = 5 * TOP) -> None:
+def leave(script: Script, robot: int, heading: int, over: int = OVER, distance: float = 5 * TOP) -> None:
     """Drive away from where it stands, so that it is no longer held up after decision `over`."""
     let_go(script, over, STEPS + 1, robot)
     x, y = script.pose[over - 1, robot, :2]
-    decisions = round(way / TOP)
-    script.drive(robot, [(over - 1, x, y), (over - 1 + decisions, x + heading * way, y)])
+    decisions = round(distance / TOP)
+    script.drive(robot, [(over - 1, x, y), (over - 1 + decisions, x + heading * distance, y)])
 
 
 def let_go(script: Script, begin: int, end: int, robot: int = 0) -> None:
@@ -62,7 +62,7 @@ def let_go(script: Script, begin: int, end: int, robot: int = 0) -> None:
 
 
 def head_on(arena: str = "single-lane", robots: int = 3, steps: int = STEPS, y: float = Y) -> Script:
-    """Robot 0 on its way out and robot 1, laden, on its way home stand before each other."""
+    """Robot 0, outward bound, and robot 1, laden and homeward bound, stand before each other."""
     script = Script(arena, robots, steps)
     arrive(script, 0, X, 1, y)
     arrive(script, 1, X + LENGTH, -1, y)
@@ -94,7 +94,7 @@ def test_a_clog_begins_with_the_halt_and_ends_when_one_moves():
     assert clogged_decisions([clog], STEPS) == 70
 
 
-def test_it_is_told_when_it_is_recognised_before_it_is_over():
+def test_it_is_reported_when_it_is_recognised_before_it_is_over():
     script = head_on()
     finder = ClogFinder(script.arena, 3, find_tunnels(script.arena))
     columns = columns_for(script.arena, 3, 1)
@@ -148,17 +148,17 @@ def _passes(script: Script, leaves: int, robot: int = 2, arena_row: float = 3) -
 
 
 def test_a_laden_robot_that_goes_on_goes_home():
-    """The same way is on for one and back for the other."""
+    """The same direction is on for one and back for the other."""
     script = head_on()
     leave(script, 1, 1)
     assert only(script).ending is Ending.BACKED_OFF
 
 
 def test_who_moves_most_says_how_it_ended():
-    """The first to move has half a second more; the other follows the same way, which is on for it."""
+    """The first to move has half a second more; the other follows, and for it that is forward."""
     script = head_on()
-    leave(script, 0, -1, way=5 * TOP)
-    leave(script, 1, -1, over=OVER + 2, way=4 * TOP)
+    leave(script, 0, -1, distance=5 * TOP)
+    leave(script, 1, -1, over=OVER + 2, distance=4 * TOP)
     assert only(script).ending is Ending.BACKED_OFF
 
 
@@ -176,7 +176,7 @@ def test_a_pellet_taken_before_the_robot_has_turned_away_counts():
 
 
 def test_a_pellet_that_a_former_member_takes_elsewhere_is_none_of_it():
-    """Robot 2 was behind robot 0 and left long ago; its pellet and its way do not say how the others part."""
+    """Robot 2 was behind robot 0 and left long ago; its pellet and path do not say how the others part."""
     script = head_on(robots=4)
     arrive(script, 2, X - LENGTH, 1)
     script.meet(range(HALT, HALT + 30), 0, 2)
@@ -213,7 +213,7 @@ def test_a_robot_across_the_tunnel_is_turning(degrees, cause):
     assert only(script).cause is cause
 
 
-def test_across_is_measured_against_the_way_home_not_the_map():
+def test_across_is_measured_against_the_direction_home_not_the_map():
     """In the upright part of the bend, a robot that faces up goes along."""
     causes = []
     for heading in (0.5 * np.pi, 0.0):
@@ -236,7 +236,7 @@ def test_a_robot_across_before_the_tunnel_is_none():
     assert only(script).cause is Cause.QUEUE
 
 
-def test_a_pellet_between_two_is_in_the_way():
+def test_a_pellet_between_two_blocks_them():
     script = Script("single-lane", 2, STEPS)
     arrive(script, 0, X, 1)
     arrive(script, 1, X + LENGTH + 0.04, 1)
@@ -246,7 +246,7 @@ def test_a_pellet_between_two_is_in_the_way():
     assert clog.members == (0, 1)
     assert clog.cause is Cause.PELLET
     script.laden[:, 1] = True
-    assert only(script).cause is Cause.HEAD_ON, "linked by the pellet, bound opposite ways"
+    assert only(script).cause is Cause.HEAD_ON, "linked by the pellet, bound in opposite directions"
 
 
 @pytest.mark.parametrize(("apart", "cause"), [(0.24, Cause.QUEUE), (0.26, Cause.HEAD_ON)])
@@ -267,7 +267,7 @@ def test_robots_that_have_passed_each_other_are_not_head_on():
 
 
 def test_head_on_wants_a_link_between_the_two():
-    """Three in a row: the outer ones are bound opposite ways, but only the middle one touches both."""
+    """Three in a row: the outer two are bound for opposite ends, but only the middle one touches both."""
     script = Script("single-lane", 3, STEPS)
     for robot, load in enumerate((False, True, True)):
         arrive(script, robot, X + robot * LENGTH, 1)
@@ -362,7 +362,7 @@ def test_a_passage_of_another_tunnel_cuts_nothing():
 
 
 @pytest.mark.parametrize(("leaves", "pieces"), [(4, 1), (26, 1), (29, 2)])
-def test_a_passage_that_was_under_way_before_the_halt_cuts_nothing(leaves, pieces):
+def test_a_passage_that_had_begun_before_the_halt_cuts_nothing(leaves, pieces):
     """The third robot is 28 decisions in the tunnel: it may have been past the place when the two met."""
     script = head_on("paper")
     _passes(script, HALT + leaves, arena_row=4)
@@ -371,7 +371,7 @@ def test_a_passage_that_was_under_way_before_the_halt_cuts_nothing(leaves, piece
 
 
 def test_the_gravest_cause_of_the_first_three_seconds_counts():
-    """A queue is recognised; the one that it waits for, bound the other way, has its part 1 s later."""
+    """A queue is recognised; the one that it waits for, bound for the other end, has its part 1 s later."""
     script = Script("single-lane", 3, STEPS)
     for robot, x in ((0, X + 0.2), (1, X + 0.1)):
         arrive(script, robot, x, -1)
@@ -494,7 +494,7 @@ def test_who_left_a_group_long_ago_is_a_stranger():
     script = head_on(robots=4)
     arrive(script, 2, X - LENGTH, 1)
     script.meet(range(HALT, HALT + 20), 0, 2)
-    leave(script, 2, -1, over=HALT + 20, way=8 * TOP)
+    leave(script, 2, -1, over=HALT + 20, distance=8 * TOP)
     x, y = script.pose[HALT + 40, 2, :2]
     script.pose[:, 3, :2] = x - LENGTH, y
     script.action[1:, 2:] = 3

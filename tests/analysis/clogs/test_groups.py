@@ -16,7 +16,7 @@ INSIDE, MOUTH, FLOOR = middle(12, 3), middle(7, 3), middle(6, 3)
 
 
 def standing(*places, steps: int = STEPS) -> Script:
-    """Robots that stand still and are told to go on, in `single-lane`; the home holds one more."""
+    """Robots that stand still and decide to go on, in `single-lane`; the home holds one more."""
     script = Script("single-lane", len(places) + 1, steps)
     for robot, place in enumerate(places):
         script.pose[:, robot, :2] = place
@@ -59,7 +59,7 @@ def test_one_touch_holds_for_three_seconds():
     assert grouped(script) == list(range(20, 20 + HOLD))
 
 
-def test_half_of_the_decisions_must_have_been_told_to_move():
+def test_half_of_the_decisions_must_have_been_to_move():
     script = pair()
     script.action[1:, 0] = np.where(np.arange(1, STEPS + 1) % 2 == 0, 3, 4)
     assert grouped(script) == list(range(HOLD, STEPS + 1))
@@ -67,17 +67,19 @@ def test_half_of_the_decisions_must_have_been_told_to_move():
     assert grouped(script) == [], "four of ten"
 
 
-def test_nobody_who_was_told_to_stop_is_held_up():
+def test_nobody_who_decided_to_stop_is_held_up():
     script = pair()
     script.action[:, 0] = 4
     assert grouped(script) == []
     assert (groups(script).label == -1).all(), "and its partner stands alone"
 
 
-@pytest.mark.parametrize(("way", "held"), [(0.5 * LENGTH - 1e-4, True), (0.5 * LENGTH + 1e-4, False)])
-def test_less_than_half_a_length_in_three_seconds_is_no_headway(way, held):
+@pytest.mark.parametrize(
+    ("displacement", "held"), [(0.5 * LENGTH - 1e-4, True), (0.5 * LENGTH + 1e-4, False)]
+)
+def test_less_than_half_a_length_in_three_seconds_is_no_headway(displacement, held):
     script = pair()
-    script.pose[:, 0, 0] = INSIDE[0] + np.arange(STEPS + 1) * way / HOLD
+    script.pose[:, 0, 0] = INSIDE[0] + np.arange(STEPS + 1) * displacement / HOLD
     assert grouped(script) == (list(range(HOLD, STEPS + 1)) if held else [])
 
 

@@ -32,7 +32,7 @@ def to_and_fro() -> Script:
     """Robot 0 goes through the tunnel and back five times, 90 decisions each; robot 1 stands in the home.
 
     Along x = 0.925 m + 5 cm a decision it is in the tunnel, 1.2 to 2.85 m, after decisions 6 to 38 and 52
-    to 84 of each round: 33 ways of 5 cm in 1.65 m. It turns, and takes its pellet, at 45.
+    to 84 of each round: 33 steps of 5 cm in 1.65 m. It turns, and takes its pellet, at 45.
     """
     script = Script("paper", 2, 450)
     for begin in range(0, 450, 90):
@@ -62,7 +62,7 @@ TO_AND_FRO = {
     "pellets in 1000 decisions": 1000 * 5 / 450,
     "Gini coefficient of the workload": 0.5,
     "active fraction": 0.5,
-    "told to stop": (450 + 5 * 9) / 900,
+    "decisions to stop": (450 + 5 * 9) / 900,
     "trip time": 27.0,
     "- of it Exit-home": 10 / 90,
     "- of it Going-to-dig": 30 / 90,
@@ -84,7 +84,7 @@ TO_AND_FRO = {
     "robots in the tunnels, mean": 66 / 90,
     "robots in the tunnels, most": 1.0,
     "one robot alone in the tunnels": 1.0,
-    "two-way traffic": 0.0,
+    "bidirectional traffic": 0.0,
     "lane segregation": 0.0,
     # Out of it after decisions 39 and 85 of each round: five lapses of 46 decisions, four of 44.
     "lapse between passages, median": 46 * 0.3,
@@ -99,7 +99,7 @@ TO_AND_FRO = {
 def both_ways() -> Script:
     """Robot 0 out in one lane and robot 1 home in the other, then robot 1 half in and back out again.
 
-    At 5 cm a decision from 0.975 m on, a robot is inside after decisions 5 to 37 of its way.
+    At 5 cm a decision from 0.975 m on, a robot is inside after decisions 5 to 37 of its run.
     """
     script = Script("paper", 2, 200)
     script.drive(0, [(0, 0.975, LANE), (42, 3.075, LANE)])
@@ -125,7 +125,7 @@ BOTH_WAYS = {
     "robots in the tunnels, mean": (33 + 33 + 15) / 200,
     "robots in the tunnels, most": 2.0,
     "one robot alone in the tunnels": (10 + 10 + 15) / (10 + 23 + 10 + 15),
-    "two-way traffic": 23 / (10 + 23 + 10 + 15),
+    "bidirectional traffic": 23 / (10 + 23 + 10 + 15),
     "lane segregation": 1.0,
     # Out after decisions 38 and 48.
     "lapse between passages, median": 3.0,
@@ -150,7 +150,7 @@ STUCK = {
     "pellets": 0.0,
     "pellets in 1000 decisions": 0.0,
     "Gini coefficient of the workload": NotDefined("no pellets were delivered"),
-    "told to stop": 0.0,
+    "decisions to stop": 0.0,
     "trip time": NO_TRIPS,
     "- of it Collision": NO_TRIPS,
     "touches of robots per trip": NO_TRIPS,
@@ -160,8 +160,8 @@ STUCK = {
     "passages": 0.0,
     "tunnel density": 2 / 1.65,
     "tunnel flow": 0.0,
-    "two-way traffic": 0.0,  # who stands is no traffic
-    "lane segregation": NotDefined("not both laden and unladen robots made way in a tunnel"),
+    "bidirectional traffic": 0.0,  # who stands is no traffic
+    "lane segregation": NotDefined("not both laden and unladen robots moved along a tunnel"),
     "lapse between passages, median": NotDefined("fewer than two passages of a tunnel"),
     # The touch of decision 70 holds until 79. The next is recognised at once and begins HOLD before, at 100.
     "clogs": 2.0,
@@ -172,7 +172,7 @@ STUCK = {
 
 
 def figures(script: Script) -> dict[str, float | NotDefined]:
-    return {summary.metric.name: summary.figures[0] for summary in summarise([script.watch()])}
+    return {summary.metric.name: summary.values[0] for summary in summarise([script.watch()])}
 
 
 @pytest.mark.parametrize(
@@ -264,7 +264,7 @@ def test_the_shortest_runs_have_figures_too(arena, robots, decisions):
     sound(episode)
     found = figures(script)
     assert found["pellets"] == 0.0
-    assert isinstance(found["told to stop"], NotDefined) == (decisions == 0)
+    assert isinstance(found["decisions to stop"], NotDefined) == (decisions == 0)
     if arena is None:
         for name in NAMES[NAMES.index("passages") :]:
             assert found[name] == NotDefined("the arena has no tunnel"), name
@@ -326,7 +326,7 @@ def test_summaries_are_in_the_order_of_the_metrics():
     episodes = [stuck().watch(), both_ways().watch()]
     summaries = summarise(episodes)
     assert [summary.metric for summary in summaries] == list(METRICS)
-    assert summaries[0].figures == (0.0, 1.0)
+    assert summaries[0].values == (0.0, 1.0)
 
 
 def test_figures_are_shown_with_four_digits():

@@ -156,7 +156,7 @@ def test_memory_grows_with_the_points_that_are_kept_and_with_nothing_else():
 
 
 def test_memory_is_not_held_by_views_of_chunks():
-    """Pickling cannot tell a row from a view of the array that it belongs to; the allocator can."""
+    """Pickling cannot distinguish a row from a view of the array that it belongs to; the allocator can."""
     run = _crammed(6 * CHUNK)
     monitor, sizes = EpisodeMonitor(run.arena, run.robots), []
     tracemalloc.start()
@@ -173,7 +173,7 @@ def test_memory_is_not_held_by_views_of_chunks():
 
 
 class Seen:
-    """Hears of everything that a watched evaluation tells, and keeps the bits of the run."""
+    """Hears of everything that a watched evaluation reports, and keeps the bits of the run."""
 
     def __init__(self) -> None:
         self.poses, self.ends = [], []

@@ -1,4 +1,4 @@
-"""Which strategy is told, and by which figures."""
+"""Which strategy is found, and from which numbers."""
 
 from dataclasses import replace
 
@@ -21,13 +21,19 @@ def lanes(starts, rows=(3, 4), rounds: int = 6, robots: int = 2) -> Script:
     out, home = (middle(0, row)[1] for row in rows)
     for robot, start in enumerate(starts):
         for begin in range(start, start + ROUND * rounds, ROUND):
-            way = [(0, 0.975, out), (45, 3.225, out), (50, 3.225, home), (95, 0.975, home), (100, 0.975, out)]
-            script.drive(robot, [(begin + step, x, y) for step, x, y in way])
+            path = [
+                (0, 0.975, out),
+                (45, 3.225, out),
+                (50, 3.225, home),
+                (95, 0.975, home),
+                (100, 0.975, out),
+            ]
+            script.drive(robot, [(begin + step, x, y) for step, x, y in path])
             script.laden[begin + 48 : begin + 98, robot] = True
     return script
 
 
-def told(script: Script) -> Strategy:
+def found(script: Script) -> Strategy:
     return classify(script.watch()).strategy
 
 
@@ -35,23 +41,23 @@ def test_one_that_goes_while_the_other_waits_is_one_at_a_time():
     """Robot 1 never leaves the home."""
     verdict = classify(lanes([0]).watch())
     assert verdict.strategy is ONE
-    assert verdict.reason == "alone 100 % of the time in use, both ways at once 0 %, segregation 1.00"
+    assert verdict.reason == "alone 100 % of the time in use, both directions at once 0 %, segregation 1.00"
 
 
-def test_both_ways_in_lanes_of_their_own_is_a_bucket_brigade():
+def test_both_directions_in_lanes_of_their_own_is_a_bucket_brigade():
     verdict = classify(lanes([0, 50]).watch())
     assert verdict.strategy is BUCKET
     assert "segregation 1.00" in verdict.reason
 
 
-def test_both_ways_in_the_same_lane_is_neither():
-    assert told(lanes([0, 50], rows=(3, 3))) is NEITHER
+def test_both_directions_in_the_same_lane_is_neither():
+    assert found(lanes([0, 50], rows=(3, 3))) is NEITHER
 
 
 def test_a_convoy_is_neither():
     """Two at once, but never against each other."""
     script = lanes([0, 4])
-    assert told(script) is NEITHER
+    assert found(script) is NEITHER
 
 
 def test_taking_turns_is_one_at_a_time():
@@ -62,7 +68,7 @@ def test_taking_turns_is_one_at_a_time():
             at = begin + 100 * robot
             script.drive(robot, [(at, 0.975, 0.5), (at + 45, 3.225, 0.5), (at + 90, 0.975, 0.5)])
             script.laden[at + 45 : at + 90, robot] = True
-    assert told(script) is ONE
+    assert found(script) is ONE
 
 
 def test_one_robot_has_no_strategy():
@@ -73,11 +79,11 @@ def test_one_robot_has_no_strategy():
 def test_few_passages_show_none():
     """Four rounds of two passages each; the fifth makes ten."""
     assert classify(lanes([0], rounds=4).watch()) == (NEITHER, "8 passages, fewer than 10")
-    assert told(lanes([0], rounds=5)) is ONE
+    assert found(lanes([0], rounds=5)) is ONE
 
 
 def test_no_tunnel_no_strategy():
-    assert told(Script(without_tunnel(), 2, 30)) is NEITHER
+    assert found(Script(without_tunnel(), 2, 30)) is NEITHER
 
 
 def counted(alone: int, more: int, both: int, apart: int, passages: int = PASSAGES):
@@ -90,7 +96,7 @@ def counted(alone: int, more: int, both: int, apart: int, passages: int = PASSAG
         episode.traffic,
         visits=[Visit(0, 0, 0, 9, End.HOME, End.SOURCE, 1.6)] * passages,
         robots_in_tunnel=np.array([50, alone, more, 0]),
-        two_way=both,
+        bidirectional=both,
         unladen_cells=unladen,
         laden_cells=laden,
     )
@@ -113,7 +119,7 @@ def test_where_one_strategy_ends_and_the_other_begins(alone, both, apart, expect
 
 
 @given(st.integers(0, 50), st.integers(0, 50), st.integers(0, 50), st.integers(0, 100), st.integers(8, 12))
-def test_any_counts_are_told_by_the_definition(alone, more, both, apart, passages):
+def test_any_counts_are_classified_by_the_definition(alone, more, both, apart, passages):
     both = min(both, more)
     used = alone + more
     expected = NEITHER

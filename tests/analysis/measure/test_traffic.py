@@ -82,8 +82,8 @@ def test_flow_is_density_times_speed_for_a_robot_at_constant_speed():
     assert windows.flow[0] == pytest.approx(windows.density[0] * 0.05, rel=1e-9)
 
 
-def test_flow_counts_way_toward_the_goal_whichever_it_is():
-    """A laden robot homeward and an unladen one outward add up; the other ways count against."""
+def test_flow_counts_the_approach_to_the_goal_whichever_it_is():
+    """A laden robot homeward and an unladen one outward add up; the other directions count against."""
     flows = []
     for loads in ((False, True), (True, True), (False, False), (True, False)):
         script = Script("paper", 2, 100)
@@ -104,7 +104,7 @@ def test_to_and_fro_is_no_flow():
 
 
 def test_what_a_robot_held_before_a_decision_says_where_it_was_bound():
-    """It takes its pellet in the decision that brought it there, which was still way out."""
+    """It takes its pellet in the decision that brought it there, which was still outward."""
     script = Script("paper", 1, 100)
     script.drive(0, [(0, 1.3, OUT[1]), (50, 2.3, OUT[1]), (100, 1.3, OUT[1])])
     script.laden[50:] = True
@@ -124,7 +124,7 @@ def test_each_tunnel_has_its_windows():
 def test_robots_in_the_tunnels_are_counted_after_each_decision():
     """Alone, then two of the same kind, then of both kinds; the state at the start counts nowhere.
 
-    Only who makes way is traffic: a quarter of the top speed along the tunnel, and no less.
+    Only who moves along is traffic: a quarter of the top speed along the tunnel, and no less.
     """
     script = Script("paper", 3, 60)
     to_and_fro = 0.26 * TOP * (np.arange(61) % 2)[:, None] * (1.0, 0.0)
@@ -133,7 +133,7 @@ def test_robots_in_the_tunnels_are_counted_after_each_decision():
     script.laden[21:, 1] = True
     traffic = script.watch().traffic
     assert traffic.robots_in_tunnel.tolist() == [20, 10, 30, 0]
-    assert traffic.two_way == 20
+    assert traffic.bidirectional == 20
     assert traffic.unladen_cells[3, 10] == 40
     assert traffic.unladen_cells[3, 12] == 10
     assert traffic.laden_cells[3, 12] == traffic.laden_cells.sum() == 20
@@ -142,14 +142,14 @@ def test_robots_in_the_tunnels_are_counted_after_each_decision():
     slower.pose[..., 0] -= np.where(np.arange(61) % 2, 0.02 * TOP, 0.0)[:, None]
     stuck = slower.watch().traffic
     assert stuck.robots_in_tunnel.tolist() == [20, 10, 30, 0]
-    assert stuck.two_way == stuck.laden_cells.sum() == 0
+    assert stuck.bidirectional == stuck.laden_cells.sum() == 0
     assert stuck.unladen_cells.sum() == 1, "that of the robot that appears out of nowhere"
     assert traffic.occupancy.sum() == 3 * 60, "everywhere, not only in the tunnels"
     assert traffic.occupancy[3 * PER_CELL + 2, 10 * PER_CELL + 2] == 40
 
 
 @pytest.mark.parametrize(("rows", "expected"), [((3, 4), 1.0), ((3, 3), 0.0)])
-def test_lanes_of_their_own_are_told_from_a_shared_one(rows, expected):
+def test_lanes_of_their_own_differ_from_a_shared_one(rows, expected):
     script = Script("paper", 2, 33)
     for robot, row in enumerate(rows):
         script.drive(robot, [(0, *middle(8, row)), (33, *middle(18.9, row))])
@@ -204,7 +204,7 @@ def test_activity_is_of_whole_stretches():
     assert script.watch().traffic.active.tolist() == [0.5, 0.0]
 
 
-def test_stops_are_what_robots_were_told_not_what_they_did():
+def test_stops_are_what_robots_decided_not_what_they_did():
     script = Script("paper", 2, 30)
     script.action[1:11, 0] = 0
     assert script.watch().traffic.stops.tolist() == [20, 30]
@@ -264,7 +264,7 @@ def _same_as_plain(run):
     assert traffic.active.tolist() == plain_activity(plain, round(ACTIVE_WINDOW / plain.period))
     counts = PlainCounts(plain, PER_CELL)
     assert traffic.robots_in_tunnel.tolist() == counts.robots_in_tunnel
-    assert traffic.two_way == counts.two_way
+    assert traffic.bidirectional == counts.bidirectional
     assert traffic.stops.tolist() == counts.stops
     for laden, cells in ((False, traffic.unladen_cells), (True, traffic.laden_cells)):
         found = {(laden, int(r), int(c)): int(cells[r, c]) for r, c in np.argwhere(cells)}

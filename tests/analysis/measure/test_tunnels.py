@@ -23,7 +23,7 @@ def test_a_straight_tunnel_is_as_long_as_its_cells():
     assert (tunnels.inside == 0).sum() == 22
 
 
-def test_tunnels_are_told_apart():
+def test_tunnels_are_kept_apart():
     tunnels = find_tunnels(load_arena("two-tunnels"))
     assert tunnels.count == 2
     assert tunnels.length == pytest.approx([1.65, 1.65])
@@ -31,8 +31,8 @@ def test_tunnels_are_told_apart():
     assert tunnels.inside[rows, columns].tolist() == [0, 1, -1]
 
 
-def test_a_bend_is_measured_along_the_shortest_way():
-    """Shorter than its 22 cells, since the way cuts corners; longer than straight from end to end."""
+def test_a_bend_is_measured_along_the_shortest_path():
+    """Shorter than its 22 cells, since the path cuts corners; longer than straight from end to end."""
     length = find_tunnels(load_arena("s-bend")).length[0]
     assert np.hypot(18, 9) * 0.15 - 0.3 < length < 22 * 0.15
 

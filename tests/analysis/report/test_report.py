@@ -141,7 +141,7 @@ def test_the_table_of_metrics_is_that_of_the_summaries(run):
             metric.name,
             shown(summary.mean),
             "" if isinstance(std, NotDefined) else shown(std),
-            str(len(summary.values)),
+            str(len(summary.defined)),
             metric.unit,
             metric.definition.replace("`", ""),
         ]
@@ -157,16 +157,16 @@ def test_metrics_json_equals_the_summaries(run):
     assert (record["command"], record["robosim"]) == (COMMAND, robosim.__version__)
     for entry, summary in zip(record["metrics"], summarise(seen.episodes), strict=True):
         assert (entry["name"], entry["unit"]) == (summary.metric.name, summary.metric.unit)
-        for told, figure in zip(
+        for written, value in zip(
             [entry["mean"], entry["std"], *entry["episodes"]],
-            [summary.mean, summary.std, *summary.figures],
+            [summary.mean, summary.std, *summary.values],
             strict=True,
         ):
-            if isinstance(figure, NotDefined):
-                assert told == {"value": None, "reason": figure.reason}
+            if isinstance(value, NotDefined):
+                assert written == {"value": None, "reason": value.reason}
             else:
-                assert told == {"value": figure}
-        assert entry["n"] == len(summary.values)
+                assert written == {"value": value}
+        assert entry["n"] == len(summary.defined)
     strategies = [(one["strategy"], one["reason"]) for one in record["strategy"]]
     assert strategies == [(found.strategy.value, found.reason) for found in map(classify, seen.episodes)]
 
@@ -250,7 +250,7 @@ def test_clogs_parquet_the_page_and_metrics_json_hold_every_clog(run):
         )
 
 
-def test_the_clogged_share_is_told_for_each_k_and_falls_with_it():
+def test_the_clogged_share_is_given_for_each_k_and_falls_with_it():
     episodes = watched("clogged").episodes
     shares = metrics_of("clogged")["clogs"]["clogged_share_by_transits"]
     assert list(shares) == ["1", "2", "3", "4"]
