@@ -245,8 +245,21 @@ def test_clogs_parquet_the_page_and_metrics_json_hold_every_clog(run):
     assert sum(metrics_of(run)["clogs"]["endings"].values()) == len(rows)
     if rows:
         listed = page_of(run).table_with("ended by")
-        assert sorted((row[0], row[-2], row[-1]) for row in listed) == sorted(
-            (str(row["episode"]), row["cause"], row["ending"]) for row in rows
+        durations = [float(row[2]) for row in listed]
+        assert durations == sorted(durations, reverse=True)
+        assert sorted(listed) == sorted(
+            [
+                str(row["episode"]),
+                f"{int(row['start_s']) // 60}:{int(row['start_s']) % 60:02}",
+                f"{row['duration_s']:.1f}",
+                str(row["tunnel"]),
+                f"{row['distance_m']:.2f}",
+                f"{row['x_m']:.2f}, {row['y_m']:.2f}",
+                ", ".join(map(str, row["members"])),
+                row["cause"],
+                row["ending"],
+            ]
+            for row in rows
         )
 
 
