@@ -14,8 +14,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from robosim.analysis.figures.plots import draw_flow
+from robosim.analysis.figures.rendering import palette_png
 from robosim.analysis.figures.spacetime import Span, draw_panel, longest_clog
-from robosim.analysis.figures.style import look, palette_png, time_unit
+from robosim.analysis.figures.style import look, time_unit
 from robosim.analysis.measure.metrics import clogged_share, pellets, summarise
 from robosim.analysis.measure.monitor import Episode, EpisodeMonitor
 from robosim.episodes.replay import begun

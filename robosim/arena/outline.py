@@ -1,4 +1,4 @@
-"""Whether robots' outlines touch each other or walls, at given poses."""
+"""Robots' outlines, and whether they touch each other or walls at given poses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,29 @@ from robosim.robot.sheet import RobotSheet
 Points = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
+_HALF_CIRCLE = 17
+"""Points on a half circle; odd, so that a quarter turn ends exactly where a straight side begins."""
 _UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def body_outline(sheet: RobotSheet) -> Points:
+    """Return the closed outline [n, 2] of a body about its centre, m, the heading along +x."""
+    if sheet.shape == "box":
+        x, y = 0.5 * sheet.length, 0.5 * sheet.width
+        return np.array([(x, y), (-x, y), (-x, -y), (x, -y), (x, y)])
+    radius = 0.5 * sheet.width
+    angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _HALF_CIRCLE)
+    front = radius * np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    front[:, 0] += 0.5 * sheet.length - radius
+    return np.concatenate((front, -front, front[:1]))
+
+
+def placed(points: Points, pose: Pose) -> Points:
+    """Return points [n, 2] of a robot's own frame at a pose, m."""
+    x, y, heading = pose
+    turn = np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]])
+    moved: Points = points @ turn + np.array([x, y])
+    return moved
 
 
 def first_touched(sheet: RobotSheet, poses: list[Pose], index: int) -> int | None:
@@ -52,10 +74,7 @@ def _core(sheet: RobotSheet, pose: Pose) -> Points:
         body = np.array([[side - half, 0.0], [half - side, 0.0]])
     else:
         body = np.array([[-half, -side], [half, -side], [half, side], [-half, side]])
-    x, y, heading = pose
-    turn = np.array([[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]])
-    placed: Points = body @ turn + np.array([x, y])
-    return placed
+    return placed(body, pose)
 
 
 def _rounding(sheet: RobotSheet) -> float:

@@ -111,7 +111,7 @@ def _console() -> Console:
 
 def _draw(arenas: list[ArenaData], path: Path | None) -> None:
     if path is not None:
-        from robosim.arena.draw import save_picture
+        from robosim.analysis.figures.arenas import save_picture
 
         save_picture(arenas, path)
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from robosim.analysis.clogs.finder import Clog, Ending
 from robosim.arena.model import Arena
+from robosim.arena.outline import body_outline
 from robosim.playback import entities, palette
 from robosim.playback.changes import changed_rows
 from robosim.playback.clogs import Drawn, ToldClog, Watched
 from robosim.playback.sending import send_rows
-from robosim.playback.shapes import outline
 
 LINK_GRID = 0.01
 """Links are written again when one of their ends moved to another step of this grid, m."""
@@ -27,7 +27,7 @@ class ClogWriter:
         self._stream = stream
         self._robots = robots
         self._period = arena.timing.decision_period
-        self._ring = outline(arena.robot)
+        self._ring = body_outline(arena.robot)
         self._member = np.zeros(robots, dtype=np.bool_)
         self._upper = np.triu_indices(robots, 1)
         self._links = self._grid(np.zeros((1, robots, 2)), np.zeros((1, robots, robots), dtype=np.bool_))[0]

@@ -7,8 +7,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
+from robosim.arena.outline import body_outline
 from robosim.playback import entities, palette
-from robosim.playback.shapes import Strip, body_strips, gripper, outline, wall_edges
+from robosim.playback.shapes import Strip, body_strips, gripper, wall_edges
 
 # Lower is drawn first; rerun's own defaults put images under lines under points.
 _MAP, _PHEROMONE, _EDGE, _TRACK, _PELLET = -30.0, -20.0, 0.0, 5.0, 10.0
@@ -101,7 +102,7 @@ def _send_robot(stream: rr.RecordingStream, arena: Arena, robot: int) -> None:
     stream.log(
         f"{path}/outline",
         rr.LineStrips2D.from_fields(
-            strips=[outline(sheet), *gripper(sheet, arena.pellets.radius)], radii=line, draw_order=_MARK
+            strips=[body_outline(sheet), *gripper(sheet, arena.pellets.radius)], radii=line, draw_order=_MARK
         ),
         static=True,
     )

@@ -39,19 +39,6 @@ def body_strips(sheet: RobotSheet) -> tuple[list[Strip], float]:
     return [[(-half, float(y)), (half, float(y))] for y in radius * np.arange(-5.0, 6.0)], radius
 
 
-def outline(sheet: RobotSheet) -> Strip:
-    """Return the closed outline of the body, m, the heading along +x."""
-    if sheet.shape == "box":
-        x, y = 0.5 * sheet.length, 0.5 * sheet.width
-        return [(x, y), (-x, y), (-x, -y), (x, -y), (x, y)]
-    radius = 0.5 * sheet.width
-    half = 0.5 * sheet.length - radius
-    # A quarter turn ends exactly where the straight sides begin.
-    front = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 17)
-    points = [(half + radius * float(np.cos(angle)), radius * float(np.sin(angle))) for angle in front]
-    return [*points, *((-x, -y) for x, y in points), points[0]]
-
-
 def gripper(sheet: RobotSheet, pellet_radius: float) -> list[Strip]:
     """Return the two fingers at the nose, m, as far apart as a pellet is wide."""
     finger = max(sheet.gripper_reach, 0.5 * pellet_radius)

@@ -1,53 +1,7 @@
-from pathlib import Path
-
-import matplotlib.image
-import numpy as np
-import pytest
-
 from robosim.arena import load_arena
-from robosim.arena.draw import drawing, save_picture
-from robosim.errors import InputError
+from robosim.arena.draw import drawing
 
 
 def test_the_drawing_is_the_file_s() -> None:
     arena = load_arena("s-bend")
     assert "\n".join(drawing(arena)) in arena.text
-
-
-def test_a_picture_is_to_scale_and_small(tmp_path: Path) -> None:
-    path = tmp_path / "paper.png"
-    arena = load_arena("paper")
-    save_picture([arena], path)
-    image = matplotlib.image.imread(path)[..., :3]
-    assert path.stat().st_size < 100_000
-    wall = np.abs(image - np.array([0x4A, 0x4F, 0x57]) / 255).max(axis=-1) < 0.03
-    rows, columns = np.nonzero(wall)
-    width, height = columns.max() - columns.min() + 1, rows.max() - rows.min() + 1
-    # The legend's wall patch lies below the map, the map's own rows are the long ones.
-    long_rows = np.flatnonzero(wall.sum(axis=1) > 0.3 * width)
-    assert (long_rows.max() - long_rows.min() + 1) / width == pytest.approx(
-        arena.size[1] / arena.size[0], rel=0.02
-    )
-    assert height >= long_rows.max() - long_rows.min()
-
-
-@pytest.mark.parametrize(
-    ("name", "why"),
-    [
-        ("no/such/x.png", "No such file or directory"),
-        ("folder.png", "it is a folder; give the name of a file"),
-    ],
-)
-def test_what_cannot_be_written_is_one_sentence(tmp_path: Path, name: str, why: str) -> None:
-    (tmp_path / "folder.png").mkdir()
-    with pytest.raises(InputError) as caught:
-        save_picture([load_arena("paper")], tmp_path / name)
-    assert str(caught.value) == f"{tmp_path / name}: cannot be written: {why}."
-    assert [path.name for path in tmp_path.iterdir()] == ["folder.png"]
-
-
-def test_only_png(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        save_picture([load_arena("paper")], tmp_path / "x.jpg")
-    assert str(caught.value) == f"{tmp_path}/x.jpg: a picture is written as PNG; its name must end in .png."
-    assert not list(tmp_path.iterdir())

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robosim.arena.outline import first_touched, touches_wall
+from robosim.arena.outline import body_outline, first_touched, placed, touches_wall
 from robosim.robot.sheet import BodyShape, RobotSheet
 
 CAPSULE = RobotSheet(shape="capsule", length=0.4, width=0.2)
@@ -66,3 +66,22 @@ def test_the_first_that_is_touched_is_named() -> None:
 def test_a_capsule_between_walls(pose: tuple[float, float, float], touches: bool) -> None:
     sheet = RobotSheet(shape="capsule", length=0.31, width=0.15)
     assert touches_wall(sheet, pose, WALL, 0.15) is touches
+
+
+@pytest.mark.parametrize("shape", ["circle", "capsule", "box"])
+def test_the_outline_is_closed_and_has_the_size_of_the_sheet(shape: BodyShape) -> None:
+    sheet = sheet_of(shape)
+    points = body_outline(sheet)
+    assert points[0].tolist() == points[-1].tolist()
+    assert np.ptp(points[:, 0]) == pytest.approx(sheet.length)
+    assert np.ptp(points[:, 1]) == pytest.approx(sheet.width)
+    assert np.linalg.norm(points, axis=1).max() == pytest.approx(sheet.outer_radius)
+
+
+@given(SHAPE, POSE)
+def test_a_placed_outline_is_the_edge_of_the_body_there(
+    shape: BodyShape, pose: tuple[float, float, float]
+) -> None:
+    points = placed(body_outline(sheet_of(shape)), pose)
+    assert inside(sheet_of(shape, 1e-9), pose, points).all()
+    assert not inside(sheet_of(shape, -1e-9), pose, points).any()

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from robosim.arena import Zone, load_arena
-from robosim.playback.shapes import body_strips, gripper, outline, wall_edges
+from robosim.arena.outline import body_outline
+from robosim.playback.shapes import body_strips, gripper, wall_edges
 from robosim.robot.sheet import RobotSheet
 
 SHEETS = [
@@ -21,18 +22,9 @@ def _distance_to_strips(points, strips):
 
 
 @pytest.mark.parametrize("sheet", SHEETS, ids=lambda sheet: sheet.shape)
-def test_outline_is_closed_and_has_the_size_of_the_sheet(sheet):
-    points = np.array(outline(sheet))
-    assert points[0].tolist() == points[-1].tolist()
-    assert np.ptp(points[:, 0]) == pytest.approx(sheet.length)
-    assert np.ptp(points[:, 1]) == pytest.approx(sheet.width)
-    assert np.linalg.norm(points, axis=1).max() == pytest.approx(sheet.outer_radius)
-
-
-@pytest.mark.parametrize("sheet", SHEETS, ids=lambda sheet: sheet.shape)
 def test_body_strips_fill_the_outline_without_holes_and_do_not_leave_it(sheet):
     strips, radius = body_strips(sheet)
-    boundary = np.array(outline(sheet))[:-1]
+    boundary = body_outline(sheet)[:-1]
     inside = np.concatenate([share * boundary for share in np.linspace(0.0, 0.9, 20)])
     assert (_distance_to_strips(inside, strips) <= radius).all()
     reach = np.array(strips).reshape(-1, 2)

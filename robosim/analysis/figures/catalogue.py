@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from robosim.analysis.figures import clogplots, maps, plots, spacetime
-from robosim.analysis.figures.style import Rendered, look, render
+from robosim.analysis.figures.rendering import Rendered, render
+from robosim.analysis.figures.style import look
 from robosim.analysis.measure.monitor import Episode
 
 

@@ -1,10 +1,8 @@
-"""The look of the report's figures: sizes, colours that colour-blind people see apart, and file formats."""
+"""The look of the report's figures: sizes, and colours that colour-blind people see apart."""
 
 from __future__ import annotations
 
 import contextlib
-import io
-import re
 import textwrap
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,7 +11,6 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from PIL import Image
 
 from robosim.analysis.clogs.finder import Cause
 from robosim.discretise.modes import Mode
@@ -105,15 +102,6 @@ _LOOK: dict[RcKeyType, Any] = {
 }
 
 
-class Rendered(NamedTuple):
-    """A figure as files."""
-
-    png: bytes
-    svg: bytes
-    width: float
-    """Inches."""
-
-
 @contextlib.contextmanager
 def look() -> Iterator[None]:
     """Draw in the report's look within this block, whatever the user has set; all settings come back."""
@@ -121,38 +109,6 @@ def look() -> Iterator[None]:
         mpl.rcdefaults()
         mpl.rcParams.update(_LOOK)
         yield
-
-
-def render(figure: Figure) -> Rendered:
-    """Return a figure as PNG and SVG, without date or version: equal figures give equal bytes."""
-    png, svg = palette_png(figure), io.StringIO()
-    # The layout is found by now; the second file gets the same.
-    figure.set_layout_engine("none")
-    figure.savefig(svg, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    text = _TAG.sub(_shorter, _DOCTYPE.sub("", svg.getvalue()))
-    text = text.replace("'DejaVu Sans'", _FONTS)
-    return Rendered(png, text.encode(), figure.get_figwidth())
-
-
-def palette_png(figure: Figure, colours: int = 256) -> bytes:
-    """Return a figure as PNG with a palette: all that a drawing needs, and a third of the size."""
-    full, png = io.BytesIO(), io.BytesIO()
-    figure.savefig(full, format="rgba")
-    image = Image.frombytes("RGBA", figure.canvas.get_width_height(), full.getvalue()).convert("RGB")
-    image.quantize(colours, dither=Image.Dither.NONE).save(png, format="png")
-    return png.getvalue()
-
-
-_FONTS = "'DejaVu Sans', Verdana, sans-serif"
-"""Verdana is as wide as DejaVu Sans, and there where the other is not."""
-_DOCTYPE = re.compile(r"<!DOCTYPE[^>]*>\s*")
-_TAG = re.compile(r"<[^>]*>")
-_LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
-
-
-def _shorter(tag: re.Match[str]) -> str:
-    """Round the coordinates in a tag to a hundredth of a point, which no printer shows; words stay."""
-    return _LONG_NUMBER.sub(lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), tag[0])
 
 
 def one_axes(width: float, height: float) -> tuple[Figure, Axes]:

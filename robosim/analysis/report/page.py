@@ -14,7 +14,8 @@ from markupsafe import Markup
 import robosim
 from robosim.analysis.clogs.finder import TRANSITS, Clog
 from robosim.analysis.figures.catalogue import FIGURES, Plot
-from robosim.analysis.figures.style import COLUMN, Rendered
+from robosim.analysis.figures.rendering import Rendered
+from robosim.analysis.figures.style import COLUMN
 from robosim.analysis.measure.metrics import NotDefined, Summary, clogged_share, clogs, shown
 from robosim.analysis.measure.monitor import Episode
 from robosim.analysis.measure.strategy import Strategy, classify

@@ -21,8 +21,9 @@ from matplotlib.colors import same_color
 from robosim.analysis.clogs.finder import clogs_among
 from robosim.analysis.figures.catalogue import FIGURES, draw
 from robosim.analysis.figures.maps import smoothed
+from robosim.analysis.figures.rendering import render
 from robosim.analysis.figures.spacetime import longest_clog, spread_apart
-from robosim.analysis.figures.style import ALPHA, CAUSES, COLUMN, LADEN, PAGE, UNLADEN, look, render
+from robosim.analysis.figures.style import ALPHA, CAUSES, COLUMN, LADEN, PAGE, UNLADEN, look
 from robosim.analysis.measure.metrics import METRICS, clogs
 from robosim.analysis.measure.monitor import TeamMonitor
 from robosim.analysis.measure.tails import fit_power_law

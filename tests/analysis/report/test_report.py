@@ -17,7 +17,8 @@ import pytest
 import robosim
 from robosim.analysis.clogs.finder import Cause, Ending, clogged_decisions
 from robosim.analysis.figures.catalogue import FIGURES
-from robosim.analysis.figures.style import COLUMN, Rendered
+from robosim.analysis.figures.rendering import Rendered
+from robosim.analysis.figures.style import COLUMN
 from robosim.analysis.measure.metrics import METRICS, NotDefined, clogs, shown, summarise
 from robosim.analysis.measure.strategy import classify
 from robosim.analysis.report.folder import require_folder, whole_folder
