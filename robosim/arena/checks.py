@@ -67,8 +67,8 @@ def _border_mistakes(lines: list[str]) -> Iterator[str]:
         yield f"map has a hole in its border at row {row}, column {column}{more}; it must be # there."
 
 
-def way_mistakes(zones: NDArray[np.uint8]) -> Iterator[str]:
-    """Check that there is a home and a source, and a way between all their cells."""
+def path_mistakes(zones: NDArray[np.uint8]) -> Iterator[str]:
+    """Check that there is a home and a source, and a path between all their cells."""
     names: dict[int, str] = {Zone.HOME: "home (H)", Zone.SOURCE: "source (S)"}
     missing = [name for zone, name in names.items() if not (zones == zone).any()]
     for name in missing:
@@ -78,7 +78,7 @@ def way_mistakes(zones: NDArray[np.uint8]) -> Iterator[str]:
     parts = components(zones != Zone.WALL)
     joined = np.intersect1d(parts[zones == Zone.HOME], parts[zones == Zone.SOURCE])
     if len(joined) == 0:
-        yield "map has no way from home (H) to the source (S); free cells must join them edge to edge."
+        yield "map has no path from home (H) to the source (S); free cells must join them edge to edge."
         return
     for zone, name in names.items():
         cut_off = np.argwhere((zones == zone) & (parts != joined[0]))
@@ -140,7 +140,7 @@ def substep_mistakes(
 
 
 def passage_mistakes(robot: RobotSheet, zones: NDArray[np.uint8], cell_size: float) -> Iterator[str]:
-    """Check that the way between home and source is wider than the robot."""
+    """Check that a path between home and source is wider than the robot."""
     free, home, source = zones != Zone.WALL, zones == Zone.HOME, zones == Zone.SOURCE
     cells = cells_wide(robot, cell_size)
     if passage(free, home, source, cells).any():
@@ -148,12 +148,12 @@ def passage_mistakes(robot: RobotSheet, zones: NDArray[np.uint8], cell_size: flo
     widest = next(n for n in range(min(cells, *free.shape), 0, -1) if passage(free, home, source, n).any())
     yield (
         f"robot.width is {robot.width}, but must be less than {widest * cell_size:.4g} m, the width of "
-        "the way from home to the source."
+        "the widest path from home to the source."
     )
 
 
 def cells_wide(robot: RobotSheet, cell_size: float) -> int:
-    """How many cells wide a way must be for the robot to pass lengthwise without rubbing."""
+    """How many cells wide a path must be for the robot to pass lengthwise without rubbing."""
     return int(robot.width / cell_size + 1e-9) + 1
 
 
@@ -167,7 +167,7 @@ def pose_mistakes(
         if touches_wall(robot, pose, wall, cell_size):
             yield f"{text}touches a wall."
         elif not passable[int(pose[1] / cell_size), int(pose[0] / cell_size)]:
-            yield f"{text}has no way to home and source."
+            yield f"{text}has no path to home and source that is wide enough."
         elif (other := first_touched(robot, poses, index)) is not None:
             yield f"{text}touches that of start.poses[{other}]."
 

@@ -1,4 +1,4 @@
-"""Geodesic distances to home and source: shortest ways through free cells, round corners."""
+"""Geodesic distances to home and source: lengths of the shortest paths through free cells, round corners."""
 
 from __future__ import annotations
 

@@ -1,7 +1,11 @@
-"""Shortest ways to zones of a cell map, in units of cells.
+"""Lengths of the shortest paths to zones of a cell map, in units of cells.
 
-A shortest way bends only at corners of walls. So the distance at a point is the least of: straight
+A shortest path bends only at corners of walls. So the distance at a point is the least of: straight
 to the zone, or straight to a corner in sight and on from there (a visibility graph; exact).
+
+The search over corners (Dijkstra) is written out: what it costs is the lines of sight, so scipy's takes as
+long, and importing that would slow down the start of every process that makes an environment. scipy has no
+fast marching.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ Mask = NDArray[np.bool_]
 _WORK = 4e7
 """Tests of a line of sight against a rectangle that an exact raster may cost (about a second)."""
 _SLIDE = 1e-9
-"""A way may slide along a wall: walls count as this much smaller, in cells."""
+"""A path may slide along a wall: walls count as this much smaller, in cells."""
 
 
 def geodesic_raster(free: Mask, zones: tuple[Mask, ...]) -> tuple[Floats, int]:
@@ -43,7 +47,7 @@ def geodesic_raster(free: Mask, zones: tuple[Mask, ...]) -> tuple[Floats, int]:
 
 
 def _corners(free: Mask) -> Floats:
-    """Points [n, 2] where a way can bend: one wall cell among the four around, as (x, y) in cells."""
+    """Points [n, 2] where a path can bend: one wall cell among the four around, as (x, y) in cells."""
     around = np.stack((free[:-1, :-1], free[:-1, 1:], free[1:, :-1], free[1:, 1:])).sum(axis=0)
     rows, columns = np.nonzero(around == 3)
     return np.stack((columns + 1, rows + 1), axis=-1).astype(np.float64)
@@ -66,11 +70,11 @@ def _sight_blockers(free: Mask) -> Floats:
 
 
 def _in_sight(start: Floats, end: Floats, walls: Floats) -> Mask:
-    """Whether the straight ways from start [..., 2] to end [..., 2] cross no wall (slab method)."""
+    """Whether the straight lines from start [..., 2] to end [..., 2] cross no wall (slab method)."""
     x, y = start[..., 0], start[..., 1]
-    way = end - start
-    way = np.where(way == 0.0, 1e-300, way)
-    dx, dy = way[..., 0], way[..., 1]
+    delta = end - start
+    delta = np.where(delta == 0.0, 1e-300, delta)
+    dx, dy = delta[..., 0], delta[..., 1]
     sight = np.ones(dx.shape, dtype=np.bool_)
     for x0, y0, x1, y1 in walls + np.array([_SLIDE, _SLIDE, -_SLIDE, -_SLIDE]):
         tx0, tx1, ty0, ty1 = (x0 - x) / dx, (x1 - x) / dx, (y0 - y) / dy, (y1 - y) / dy

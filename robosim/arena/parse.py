@@ -80,7 +80,7 @@ def _drawn(drawing: object) -> tuple[Zones | None, list[str]]:
         return None, mistakes
     codes = [[ZONE_OF_CHARACTER[character] for character in line] for line in reversed(lines)]
     zones = np.array(codes, dtype=np.uint8)
-    mistakes = list(checks.way_mistakes(zones))
+    mistakes = list(checks.path_mistakes(zones))
     return (None if mistakes else zones), mistakes
 
 

@@ -60,8 +60,8 @@ def by_many_neighbours(text: str, zone: str) -> dict[tuple[int, int], float]:
             if end in best and longer < best[end] - 1e-12:
                 cuts = sorted({0.0, 1.0, *crossings(i, a), *crossings(j, b)})
                 middles = [(s + t) / 2 for s, t in pairwise(cuts)]
-                way = [((i + a * t) / FINE, (j + b * t) / FINE) for t in middles]
-                if all(set(cells_at(x, y)) - {"#"} for x, y in way):
+                line = [((i + a * t) / FINE, (j + b * t) / FINE) for t in middles]
+                if all(set(cells_at(x, y)) - {"#"} for x, y in line):
                     best[end] = longer
                     heapq.heappush(heap, (longer, end))
     return best
@@ -74,7 +74,7 @@ def test_straight_is_straight() -> None:
     assert distances == pytest.approx(np.array([[0.75, 0.75], [0.0, 2.25]]))
 
 
-def test_the_way_bends_at_the_corner() -> None:
+def test_the_path_bends_at_the_corner() -> None:
     distances = field("##### #..S# #.#### #H### #####".replace("#.####", "#.###"))
     start = np.array([1.5, 1.5])
     expected = math.hypot(0.5, 1.5) + 1.0
@@ -83,14 +83,14 @@ def test_the_way_bends_at_the_corner() -> None:
     assert distances.sample(np.array([1.5, 3.5])) == pytest.approx([1.5, 1.5])
 
 
-def test_the_way_slides_along_walls_and_bends_thrice() -> None:
+def test_the_path_slides_along_walls_and_bends_thrice() -> None:
     distances = field("####### #.....# #.###.# #H#S..# #######")
     assert distances.sample(np.array([1.5, 2.0]))[1] == pytest.approx(math.hypot(0.5, 1.0) + 3.0 + 1.0 + 1.0)
 
 
-def test_no_way_leads_between_walls_that_touch_at_a_corner() -> None:
+def test_no_path_leads_between_walls_that_touch_at_a_corner() -> None:
     distances = field("###### #H#..# #..#.# ##...# ##.S.# ######".replace("##...#", "#....#"))
-    # From the cell right of the pinch (3, 4), the straight way to the home would lead through it.
+    # From the cell right of the pinch (3, 4), the straight line to the home would lead through it.
     assert distances.sample(np.array([3.5, 4.5]))[0] > 3.0
 
 
@@ -114,7 +114,7 @@ def test_equals_dense_dijkstra(text: str, zone: str, index: int) -> None:
     assert (exact >= 0.985 * lengths - 0.03).all()
 
 
-def test_fast_marching_stays_near_the_exact_way() -> None:
+def test_fast_marching_stays_near_the_exact_length() -> None:
     rows = ["#" * 62, *["#" + "." * 60 + "#"] * 40, "#" * 62]
     grid = np.array([list(row) for row in rows])
     grid[10:41, 20] = "#"

@@ -58,7 +58,7 @@ def test_tunnel_length_counts_along_the_axis(text: str, length: int) -> None:
     assert tunnel_length(cells(text, "T"), cells(text, "HST.")) == length
 
 
-def test_passage_needs_width_all_the_way() -> None:
+def test_passage_needs_width_from_end_to_end() -> None:
     text = "HH..SS HH..SS HH##SS"
     free, home, source = (cells(text, of) for of in ("HS.", "H", "S"))
     assert (passage(free, home, source, 1) == free).all()

@@ -108,7 +108,7 @@ MISTAKES = [
     (
         "#HH....SS#\n#HH####SS#\n#HHTTTTSS#",
         "#HH..##SS#\n#HH####SS#\n#HHTT##SS#",
-        "map has no way from home (H) to the source (S); free cells must join them edge to edge.",
+        "map has no path from home (H) to the source (S); free cells must join them edge to edge.",
     ),
     (
         "#HH....SS#\n#HH####SS#",
@@ -128,7 +128,10 @@ MISTAKES = [
     (
         "mass = 0.4",
         "width = 0.15\nlength = 0.15",
-        "robot.width is 0.15, but must be less than 0.15 m, the width of the way from home to the source.",
+        (
+            "robot.width is 0.15, but must be less than 0.15 m, the width of the widest path from home to "
+            "the source."
+        ),
     ),
     (
         "mass = 0.4",
@@ -191,6 +194,18 @@ MISTAKES = [
 def test_one_mistake_is_one_sentence(good: str, bad: str, sentence: str) -> None:
     assert good in GOOD
     assert refusal(GOOD.replace(good, bad)) == [f"a.toml: {sentence}"]
+
+
+def test_a_pose_in_a_room_without_a_door_is_refused() -> None:
+    text = GOOD.replace("#HH....SS#\n#HH####SS#", "#HH####SS#\n#HH#..#SS#").replace(
+        "#HHTTTTSS#", "#HH####SS#\n#HHTTTTSS#"
+    )
+    assert refusal(text.replace("poses = []", "poses = [[0.675, 0.525, 0.0]]")) == [
+        (
+            "a.toml: start.poses[0] is [0.675, 0.525, 0.0], but there the robot has no path to home and source "
+            "that is wide enough."
+        )
+    ]
 
 
 def test_several_mistakes_are_reported_together() -> None:
