@@ -120,7 +120,6 @@ class Play:
 
     def _run_clogs(self, again: bool) -> bool:
         """Watch first, then record the clogs; return whether there were any."""
-        from robosim.arena import parse_arena
         from robosim.playback.episode import (
             decisions_run,
             record_trajectory,
@@ -136,22 +135,22 @@ class Play:
             trajectory = self._load()
             about = self._about(trajectory)
             with _show_progress(len(trajectory.chosen), "watching") as on_step:
-                clogs = watch_trajectory(trajectory, on_step=on_step, source=self.policy)
+                found = watch_trajectory(trajectory, on_step=on_step, source=self.policy)
         else:
             controller, env = self._team()
             about = self._about()
             with _show_progress(env.episode_steps, "watching") as on_step:
-                clogs = watch_episode(controller, env, on_step=on_step)
+                found = watch_episode(controller, env, on_step=on_step)
             trajectory = env.trajectory(policy=self.policy)
             self._save_trajectory(trajectory)
         decisions = len(trajectory.chosen)
+        clogs = found.clogs
         if not clogs:
             print(f"No clog in {decisions} decisions: nothing to record, {self.save} was not written.")
             return False
         around = AROUND if self.around is None else self.around
-        arena = parse_arena(trajectory.config.arena, self.policy)
-        spans = spans_around(clogs, around, arena)
-        wanted = decisions_run(spans, decisions, arena)
+        spans = spans_around(clogs, around, found.arena)
+        wanted = decisions_run(spans, decisions, found.arena)
         about["recorded"] = f"{_number(clogs)}, and {around:g} s before and after each"
         with _show_progress(wanted, "recording") as on_step:
             recorded = record_trajectory(

@@ -1,4 +1,4 @@
-"""Clogs for a recording: who stands in one after each decision, told once it is known to be one.
+"""Clogs for a recording: who stands in one after each decision, said once it is known to be one.
 
 Whether robots that stand are in a clog shows only when they have stood for long. So rows wait here until
 that is decided of everybody who stands, and leave in order. It takes no longer than a clog must last, so the
@@ -44,7 +44,7 @@ class Drawn(NamedTuple):
     """[rows, robots, robots] which members are linked; symmetric, False on the diagonal."""
 
 
-class ToldClog(NamedTuple):
+class NumberedClog(NamedTuple):
     """A clog that is over, or that the run has left standing."""
 
     number: int
@@ -59,12 +59,12 @@ class Watched(NamedTuple):
 
     drawn: Drawn
     """Of the decisions that are recorded."""
-    clogs: list[ToldClog]
+    clogs: list[NumberedClog]
     until: int
     """The next decision."""
 
 
-def decisions_to_tell(arena: Arena) -> int:
+def decisions_until_certain(arena: Arena) -> int:
     """Return how many decisions after its start it is certain whether a standstill is a clog."""
     slowest = float(find_tunnels(arena).transit_time.max(initial=0.0))
     return hold_decisions(arena) + math.ceil(TRANSITS * slowest / arena.timing.decision_period)
@@ -87,7 +87,7 @@ class ClogWatch:
         self._last_step = -1
         self._spans: list[tuple[int, int]] = []
         self._waiting: list[Clog] = []
-        self._told = 0
+        self._numbered = 0
 
     def add(self, frame: Frame, *, recorded: bool) -> None:
         """Take in the next frame."""
@@ -119,14 +119,14 @@ class ClogWatch:
         # Numbers go by the start, so that a clog waits for all that stand and began before it.
         waiting = sorted([*self._waiting, *ended], key=lambda clog: (clog.start, clog.end, clog.members))
         self._waiting = [clog for clog in waiting if clog.start >= earliest]
-        told = [
-            ToldClog(self._told + number, clog, self._parts(clog))
+        decided = [
+            NumberedClog(self._numbered + number, clog, self._parts(clog))
             for number, clog in enumerate(waiting[: len(waiting) - len(self._waiting)], 1)
         ]
-        self._told += len(told)
+        self._numbered += len(decided)
         earliest = min([earliest, *(clog.start for clog in self._waiting)])
         self._spans = [span for span in self._spans if span[1] > earliest or span is self._spans[-1]]
-        self._write(Watched(drawn, told, until))
+        self._write(Watched(drawn, decided, until))
 
     def _parts(self, clog: Clog) -> list[tuple[int, int]]:
         parts = ((max(start, clog.start), min(end, clog.end)) for start, end in self._spans)

@@ -13,7 +13,7 @@ from robosim.arena.model import Arena
 from robosim.arena.outline import body_outline
 from robosim.playback import entities, palette
 from robosim.playback.changes import changed_rows
-from robosim.playback.clogs import Drawn, ToldClog, Watched
+from robosim.playback.clogs import Drawn, NumberedClog, Watched
 from robosim.playback.sending import send_rows
 
 LINK_GRID = 0.01
@@ -91,7 +91,7 @@ class ClogWriter:
         ends = np.where(linked[:, :, None], steps, 0).reshape(len(place), -1)
         return np.concatenate([ends, link[:, *self._upper]], axis=1, dtype=np.int32)
 
-    def _write_intervals(self, clogs: list[ToldClog], until: int) -> None:
+    def _write_intervals(self, clogs: list[NumberedClog], until: int) -> None:
         for _, clog, parts in clogs:
             if not parts:
                 continue
@@ -109,7 +109,7 @@ class ClogWriter:
                 self._send(entities.clogs(number), np.array(steps, dtype=np.int64), columns)
                 lane.rows.clear()
 
-    def _write_log(self, clogs: list[ToldClog]) -> None:
+    def _write_log(self, clogs: list[NumberedClog]) -> None:
         lines: list[tuple[int, str]] = []
         for number, clog, parts in clogs:
             if not parts:
@@ -142,7 +142,7 @@ class _Lane:
     def take(self, clog: Clog, parts: list[tuple[int, int]], until: int) -> None:
         """Put a clog into the lane; `until` is the first decision after what is known."""
         label = interval_label(clog)
-        self.colours[label] = palette.CAUSES[clog.cause].colour
+        self.colours[label] = palette.CAUSES[clog.cause]
         for start, end in parts:
             self.rows.append((start, label))
             if end < until:

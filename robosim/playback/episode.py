@@ -14,13 +14,13 @@ from robosim.envs.vector import VectorEnv
 from robosim.episodes.frame import Frame
 from robosim.episodes.replay import begun
 from robosim.episodes.trajectory import Trajectory
-from robosim.playback.clogs import decisions_to_tell
+from robosim.playback.clogs import decisions_until_certain
 from robosim.playback.recorder import Recorder, recording
 from robosim.playback.writer import REWARD_STEPS
 
 
 class OnStep(Protocol):
-    """Hears of every decision."""
+    """Called after every decision, with the pellets delivered by then."""
 
     def __call__(self, step: int, delivered: int) -> None: ...
 
@@ -69,7 +69,7 @@ def record_trajectory(
     all are. Decision 0 is the start, and `len(trajectory.chosen)` the last. Spans may overlap and reach
     beyond the end; `widened` says which decisions are taken in beside them.
     Between them the picture stands still, and the lanes are empty. Clogs are those of the whole run as far as
-    it runs: a little beyond the last span, since it takes a while to tell a clog from a short standstill.
+    it runs: a little beyond the last span, since only time separates a clog from a short standstill.
 
     An interrupt (Ctrl-C) ends the run early: what has been recorded is kept. Raises InputError before
     anything runs if `path` cannot be written or the trajectory cannot be run; `source` is what the error
@@ -111,17 +111,24 @@ def decisions_run(spans: Sequence[tuple[int, int]], decisions: int, arena: Arena
 
 
 def _last_run(spans: Sequence[tuple[int, int]], decisions: int, arena: Arena) -> int:
-    return min(spans[-1][1] - 1 + decisions_to_tell(arena), decisions)
+    return min(spans[-1][1] - 1 + decisions_until_certain(arena), decisions)
 
 
-def watch_episode(controller: Controller, env: VectorEnv, *, on_step: OnStep | None = None) -> list[Clog]:
+class FoundClogs(NamedTuple):
+    """What came of watching for clogs."""
+
+    arena: Arena
+    clogs: list[Clog]
+
+
+def watch_episode(controller: Controller, env: VectorEnv, *, on_step: OnStep | None = None) -> FoundClogs:
     """Run a new episode of the first environment of `env`, without a recording; return its clogs."""
     return _watch(env, _by_controller(controller, env), on_step)
 
 
 def watch_trajectory(
     trajectory: Trajectory, *, on_step: OnStep | None = None, source: str = "trajectory"
-) -> list[Clog]:
+) -> FoundClogs:
     """Run `trajectory` again, without a recording; return its clogs.
 
     Raises InputError if it cannot be run; `source` is what the error calls it.
@@ -151,7 +158,7 @@ def _by_trajectory(trajectory: Trajectory, env: VectorEnv) -> Callable[[], None]
     return decide
 
 
-def _watch(env: VectorEnv, decide: Callable[[], None], on_step: OnStep | None) -> list[Clog]:
+def _watch(env: VectorEnv, decide: Callable[[], None], on_step: OnStep | None) -> FoundClogs:
     monitor = EpisodeMonitor(env.arena, env.robots)
     monitor.add(env.frame())
     while env.steps_taken < env.episode_steps:
@@ -159,7 +166,7 @@ def _watch(env: VectorEnv, decide: Callable[[], None], on_step: OnStep | None) -
         monitor.add(env.frame())
         if on_step is not None:
             on_step(env.steps_taken, int(env.delivered[0].sum()))
-    return clogs_among(monitor.finish().standstills)
+    return FoundClogs(env.arena, clogs_among(monitor.finish().standstills))
 
 
 def spans_around(clogs: Sequence[Clog], seconds: float, arena: Arena) -> list[tuple[int, int]]:

@@ -43,7 +43,7 @@ def recording_file(path: Path, blueprint: rrb.Blueprint, name: str) -> Iterator[
     except (RuntimeError, ValueError) as error:
         if not finished:
             raise
-        # rerun writes in a thread of its own and tells only here that it could not.
+        # rerun writes in a thread of its own and reports only here that it could not.
         raise OSError(0, "the recording could not be written whole; is the disk full?", str(path)) from error
     finally:
         part.unlink(missing_ok=True)

@@ -45,14 +45,14 @@ CLOG = Style("In a clog", (230, 0, 230))
 LINK: Colour = (36, 0, 48)
 """The line between two that are linked in a clog: dark, since bodies of all colours lie under it."""
 
-# Told apart also by those who see two of red, green and blue as one; the modes beside them have names.
-CAUSES: dict[Cause, Style] = {
-    Cause.HEAD_ON: Style("head-on", (245, 120, 30)),
-    Cause.PELLET: Style("pellet in the way", (110, 74, 44)),
-    Cause.TURNING: Style("turning", (0, 130, 140)),
-    Cause.QUEUE: Style("queue", (205, 208, 216)),
+# Distinct also for those who see two of red, green and blue as one; the modes beside them have names.
+CAUSES: dict[Cause, Colour] = {
+    Cause.HEAD_ON: (245, 120, 30),
+    Cause.PELLET: (110, 74, 44),
+    Cause.TURNING: (0, 130, 140),
+    Cause.QUEUE: (205, 208, 216),
 }
-"""A clog's interval."""
+"""Of a clog's interval."""
 
 ZONES: dict[Zone, Style] = {
     Zone.WALL: Style("Wall", (74, 80, 92)),

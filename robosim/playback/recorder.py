@@ -42,7 +42,7 @@ class Recorder:
             self.flush()
 
     def skip(self, frame: Frame) -> None:
-        """Pause, and take in a frame that is not recorded: it tells which clogs reach over the pause.
+        """Pause, and take in a frame that is not recorded: it shows which clogs reach over the pause.
 
         Where the frames of a pause are left out, a clog ends with it, and its time counts anew after it.
         """
@@ -78,7 +78,7 @@ class Recorder:
     def pause(self) -> None:
         """Say that the next frame, if there is one, does not follow at once.
 
-        Until then the picture stands still, the lanes are empty, and no event is told.
+        Until then the picture stands still, the lanes are empty, and no event is written.
         """
         if not self._paused:
             self._pauses.append(self._frames.rows)
@@ -128,10 +128,10 @@ _HOW_TO_READ = """## How to read it
 - Small dots: where each robot was in the last 20 s, one a decision, in its colour in the plots.
 - Discs where bodies touch: the larger, the greater the impulse.
 - A magenta ring: the robot is in a clog. So are robots that want to move and cannot, touch each other or the
-  same loose pellet, and let nobody through the tunnel for more than twice the time that a free way through it
-  takes. Dark lines join those that touch.
+  same loose pellet, and let nobody through the tunnel for more than twice the time that a robot at top
+  speed takes for it. Dark lines join those that touch.
 - The lane `clogs` below the arena: an interval for each clog, with its cause and its robots. Orange: two met
-  head-on; brown: a pellet in the way; teal: one turning across the tunnel; light grey: a queue. The lanes
+  head-on; brown: blocked by a pellet; teal: one turning across the tunnel; light grey: a queue. The lanes
   `clogs_2` and so on hold clogs at the same time.
 - Drag in a plot, in the lanes, or in the time line below to move through the run; click an event to jump
   to it.

@@ -1,4 +1,4 @@
-"""Groups followed through time, to tell after each decision which robots belong to which clog."""
+"""Groups followed through time, to say after each decision which robots belong to which clog."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Piece(NamedTuple):
 class Threads:
     """Follows groups: two of them are of one thread if a robot was in both, also with a pause in between.
 
-    Threads that grow together stay told apart before that, since a clog may be over by then.
+    Threads that grow together stay apart before that, since a clog may be over by then.
     """
 
     def __init__(self, robots: int, hold: int) -> None:

@@ -60,7 +60,7 @@ class FrameWriter:
         """Write all rows of `frames`.
 
         `pauses` are the rows, in order, before which (or after the last of which) a pause lies: the lanes of
-        modes are empty there, and no event is told of what happened meanwhile.
+        modes are empty there, and no event is written of what happened meanwhile.
         """
         self._note_pauses(frames, pauses)
         for robot in range(self._robots):
@@ -232,7 +232,7 @@ class FrameWriter:
         each = rr.Scalars.columns(scalars=delivered[rows].astype(np.float64))
         self._send(entities.DELIVERED_BY_ROBOT, frames, rows, each)
         gained = np.diff(delivered, axis=0, prepend=delivered[:1] if before is None else before[None])
-        # What was delivered during a pause is counted, not told.
+        # What was delivered during a pause is counted, but no event.
         gained[self._anew] = 0
         at, who = np.nonzero(gained > 0)
         if len(at) == 0:

@@ -202,8 +202,8 @@ def test_a_pose_in_a_room_without_a_door_is_refused() -> None:
     )
     assert refusal(text.replace("poses = []", "poses = [[0.675, 0.525, 0.0]]")) == [
         (
-            "a.toml: start.poses[0] is [0.675, 0.525, 0.0], but there the robot has no path to home and source "
-            "that is wide enough."
+            "a.toml: start.poses[0] is [0.675, 0.525, 0.0], but there the robot has no path to home "
+            "and source that is wide enough."
         )
     ]
 

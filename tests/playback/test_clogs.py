@@ -1,4 +1,4 @@
-"""Clogs in recordings: what is drawn and told is what the finder of clogs says."""
+"""Clogs in recordings: what is drawn and logged is what the finder of clogs says."""
 
 import tracemalloc
 from copy import deepcopy
@@ -17,7 +17,7 @@ from robosim.episodes.columns import FrameColumns
 from robosim.episodes.replay import replay
 from robosim.playback import clogs as clogs_module
 from robosim.playback import palette, recording
-from robosim.playback.clogs import ClogWatch, Drawn, ToldClog, Watched, decisions_to_tell
+from robosim.playback.clogs import ClogWatch, Drawn, NumberedClog, Watched, decisions_until_certain
 from robosim.playback.clogwriter import LINK_GRID, ClogWriter
 from robosim.playback.episode import (
     decisions_run,
@@ -155,7 +155,7 @@ def test_a_clog_is_an_interval_that_says_cause_and_robots(jam, recorded):
     assert lane["sim_time"] == pytest.approx(lane["step"] * PERIOD)
     style = recorded.static["/modes/clogs"]
     assert style["StateConfiguration:values"] == ["head-on: 0, 1"]
-    assert style["StateConfiguration:colors"] == [_rgba(palette.CAUSES[Cause.HEAD_ON].colour)]
+    assert style["StateConfiguration:colors"] == [_rgba(palette.CAUSES[Cause.HEAD_ON])]
     assert "/modes/clogs_2" not in recorded.rows
 
 
@@ -260,7 +260,7 @@ def test_in_a_recording_of_parts_clogs_are_those_of_the_whole(tmp_path, jam, rec
     done = record_trajectory(jam.trajectory, path, spans=spans)
     kept = widened(spans, STEPS)
     assert done.decisions == decisions_run(spans, STEPS, jam.arena) < STEPS
-    assert done.decisions == kept[-1][1] - 1 + decisions_to_tell(jam.arena)
+    assert done.decisions == kept[-1][1] - 1 + decisions_until_certain(jam.arena)
     found = Reading(path)
     steps = np.concatenate([np.arange(start, end) for start, end in kept])
     assert (jam.rings(found, steps) == jam.rings(recorded, steps)).all()
@@ -319,23 +319,23 @@ def test_an_interrupted_run_shows_the_clog_so_far(tmp_path, jam):
     assert found.rows["/log/clogs"]["TextLog:text"][0][0].endswith(" s, not over at the end")
 
 
-def _told(number, start, end, members, cause=Cause.QUEUE):
+def _numbered(number, start, end, members, cause=Cause.QUEUE):
     clog = Clog(0, start, end, members, cause, Ending.WENT_ON, (1.0, 0.5), 0.4, 3.0)
-    return ToldClog(number, clog, [(start, end)])
+    return NumberedClog(number, clog, [(start, end)])
 
 
 def test_clogs_at_the_same_time_lie_in_lanes_of_their_own(tmp_path, jam):
     path = tmp_path / "run.rrd"
     drawn = Drawn(np.zeros(0, int), np.zeros((0, 4, 2)), np.zeros((0, 4), bool), np.zeros((0, 4, 4), bool))
-    told = [
-        _told(1, 10, 200, (0, 1)),
-        _told(2, 50, 100, (2,), Cause.PELLET),
-        _told(3, 100, 300, (2, 3), Cause.TURNING),
-        _told(4, 200, 250, (0, 1)),
+    numbered = [
+        _numbered(1, 10, 200, (0, 1)),
+        _numbered(2, 50, 100, (2,), Cause.PELLET),
+        _numbered(3, 100, 300, (2, 3), Cause.TURNING),
+        _numbered(4, 200, 250, (0, 1)),
     ]
     with recording(path, jam.arena, robots=4) as recorder:
         writer = ClogWriter(recorder._clog_writer._stream, jam.arena, 4)
-        for one in told:
+        for one in numbered:
             writer.write(Watched(drawn, [one], 1000))
         writer.finish()
     found = Reading(path)
@@ -348,7 +348,7 @@ def test_clogs_at_the_same_time_lie_in_lanes_of_their_own(tmp_path, jam):
     style = found.static["/modes/clogs_2"]
     assert style["StateConfiguration:values"] == ["blocked by a pellet: 2", "turning: 2, 3"]
     assert style["StateConfiguration:colors"] == [
-        _rgba(palette.CAUSES[cause].colour) for cause in (Cause.PELLET, Cause.TURNING)
+        _rgba(palette.CAUSES[cause]) for cause in (Cause.PELLET, Cause.TURNING)
     ]
     assert "robot 2, at" in found.rows["/log/clogs"]["TextLog:text"][1][0]
 
@@ -370,8 +370,8 @@ def test_memory_does_not_grow_with_the_run(monkeypatch, crowd):
     assert used[-1] < used[1] + 20_000
 
 
-def test_colours_of_causes_are_told_apart():
-    colours = [palette.CAUSES[cause].colour for cause in Cause]
+def test_colours_of_causes_differ():
+    colours = [palette.CAUSES[cause] for cause in Cause]
     others = [style.colour for style in palette.MODES.values()]
     for index, colour in enumerate(colours):
         for other in [*colours[:index], *others]:
@@ -382,7 +382,8 @@ def test_colours_of_causes_are_told_apart():
 def test_watching_finds_the_clogs_of_a_run(jam):
     heard = []
     found = watch_trajectory(jam.trajectory, on_step=lambda step, delivered: heard.append(step))
-    assert found == jam.clogs
+    assert found.clogs == jam.clogs
+    assert found.arena.text == jam.arena.text
     assert heard == list(range(1, STEPS + 1))
 
 
@@ -431,7 +432,7 @@ def test_clogs_only_runs_a_policy_twice(tmp_path, capsys):
     options = ["--clogs-only", "--around", "1.5", "--save", str(path), "--save-trajectory", str(run)]
     assert main([*command, *options]) == 0
     env = VectorEnv("single-lane", robots=10, seed=0, episode_steps=150, autoreset=False)
-    clogs = watch_episode(ActiveController(), env)
+    clogs = watch_episode(ActiveController(), env).clogs
     assert len(clogs) > 0
     printed = capsys.readouterr().out
     number = "1 clog" if len(clogs) == 1 else f"{len(clogs)} clogs"

@@ -15,7 +15,7 @@ from robosim.envs.vector import VectorEnv
 from robosim.episodes.replay import replay
 from robosim.episodes.trajectory import load_trajectory
 from robosim.errors import InputError
-from robosim.playback.clogs import decisions_to_tell
+from robosim.playback.clogs import decisions_until_certain
 from robosim.playback.episode import record_episode, record_trajectory, widened
 from robosim.playback.writer import POSITION_GRID, REWARD_STEPS
 from tests.playback.reading import Reading, plain
@@ -153,8 +153,8 @@ def test_spans_are_recorded_as_in_the_recording_of_all(tmp_path, live, spans, ke
     recorded = record_trajectory(
         trajectory, path, spans=spans, on_step=lambda step, delivered: heard.append(step)
     )
-    # It goes on until all clogs of the last span are told.
-    last = min(kept[-1][1] - 1 + decisions_to_tell(load_arena("paper")), STEPS)
+    # It goes on until all clogs of the last span are decided.
+    last = min(kept[-1][1] - 1 + decisions_until_certain(load_arena("paper")), STEPS)
     assert recorded.decisions == last
     assert heard == list(range(1, last + 1))
     found = Reading(path)

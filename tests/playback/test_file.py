@@ -60,7 +60,7 @@ def test_a_path_that_cannot_be_written_is_one_sentence(tmp_path, name, sentence)
     assert "\n" not in str(caught.value)
 
 
-def test_a_full_disk_is_told_before_it_is_written_to(tmp_path):
+def test_a_full_disk_is_reported_before_it_is_written_to(tmp_path):
     require_space(tmp_path, 1)
     with pytest.raises(
         OSError, match="the disk is full: the recording needs 1000000000000 MB more, "

@@ -101,7 +101,7 @@ def test_a_saved_trajectory_plays_again_as_the_run_did(tmp_path, capsys, played)
     assert about["arena_file"] == live.static["/__properties/robosim"]["arena_file"]
 
 
-def test_where_a_trajectory_lies_is_told_when_it_is_saved(tmp_path, capsys):
+def test_where_a_trajectory_lies_is_printed_when_it_is_saved(tmp_path, capsys):
     run = tmp_path / "run.npz"
     command = ["play", "random", "--robots", "2", "--steps", "5", "--save", str(tmp_path / "run.rrd")]
     assert main([*command, "--save-trajectory", str(run)]) == 0
@@ -149,7 +149,7 @@ def test_what_makes_no_sense_with_a_trajectory_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_recording_that_cannot_be_written_is_told_before_the_trajectory_runs(tmp_path, capsys, played):
+def test_a_recording_that_cannot_be_written_is_refused_before_the_trajectory_runs(tmp_path, capsys, played):
     path = tmp_path / "nowhere" / "run.rrd"
     assert main(["play", str(played / "run.npz"), "--save", str(path)]) == 2
     captured = capsys.readouterr()

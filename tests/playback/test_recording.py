@@ -374,7 +374,7 @@ def test_after_a_pause_rows_are_those_of_the_whole_and_lanes_have_a_gap(
         assert found.shown(name, "Scalars:scalars", kept) == recorded.shown(name, "Scalars:scalars", kept)
     for start, end in parts:
         log, whole = found.rows["/log/deliveries"], recorded.rows["/log/deliveries"]
-        assert _between(log, start, end) == _between(whole, start + 1, end), "the first row's is not told"
+        assert _between(log, start, end) == _between(whole, start + 1, end), "the first row's is not logged"
     assert len(log["step"]) == sum(len(_between(log, *part)) for part in parts)
 
 
