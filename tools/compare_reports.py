@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from robosim.analysis.figures.plots import draw_flow
 from robosim.analysis.figures.rendering import palette_png
-from robosim.analysis.figures.spacetime import Span, draw_panel, longest_clog
+from robosim.analysis.figures.spacetime import draw_panel
+from robosim.analysis.figures.spans import Span, longest_clog
 from robosim.analysis.figures.style import look, time_unit
 from robosim.analysis.measure.metrics import clogged_share, pellets, summarise
 from robosim.analysis.measure.monitor import Episode, EpisodeMonitor

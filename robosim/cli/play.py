@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    from robosim.analysis.clogs.finder import Clog
+    from robosim.analysis.clogs.clog import Clog
     from robosim.control.controller import Controller
     from robosim.envs.vector import VectorEnv
     from robosim.episodes.trajectory import Trajectory

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.analysis.clogs.finder import TRANSITS, Clog, ClogFinder, clogs_among
+from robosim.analysis.clogs.clog import TRANSITS, Clog, clogs_among
+from robosim.analysis.clogs.finder import ClogFinder
 from robosim.analysis.clogs.groups import hold_decisions
 from robosim.analysis.measure.tunnels import Tunnels, find_tunnels
 from robosim.analysis.measure.visits import VisitLog

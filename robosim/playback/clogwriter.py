@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from robosim.analysis.clogs.finder import Clog, Ending
+from robosim.analysis.clogs.clog import Clog, Ending
 from robosim.arena.model import Arena
 from robosim.arena.outline import body_outline
 from robosim.playback import entities, palette

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from robosim.analysis.clogs.finder import Clog, clogs_among
+from robosim.analysis.clogs.clog import Clog, clogs_among
 from robosim.analysis.measure.monitor import EpisodeMonitor
 from robosim.arena.model import Arena
 from robosim.control.controller import Controller

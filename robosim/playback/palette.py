@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robosim.analysis.clogs.finder import Cause
+from robosim.analysis.clogs.clog import Cause
 from robosim.arena.model import Zone
 from robosim.discretise.modes import Mode
 from robosim.world.contacts import ContactKind

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robosim.analysis.clogs.finder import Cause, Clog, ClogFinder, Ending, clogs_among
+from robosim.analysis.clogs.clog import Cause, Clog, Ending, clogs_among
+from robosim.analysis.clogs.finder import ClogFinder
 from robosim.analysis.measure.traffic import TrafficMeter
 from robosim.analysis.measure.tunnels import find_tunnels
 from robosim.cli.main import main

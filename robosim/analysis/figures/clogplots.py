@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from robosim.analysis.clogs.finder import SHORTEST, TRANSITS, Clog
+from robosim.analysis.clogs.clog import SHORTEST, TRANSITS, Clog
 from robosim.analysis.figures.style import (
     CAUSES,
     COLUMN,

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from robosim.analysis.clogs.finder import Cause
+from robosim.analysis.clogs.clog import Cause
 from robosim.discretise.modes import Mode
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.analysis.clogs.finder import TRANSITS, Clog, clogged_decisions, clogs_among
+from robosim.analysis.clogs.clog import TRANSITS, Clog, clogged_decisions, clogs_among
 from robosim.analysis.measure.monitor import Episode
 from robosim.analysis.measure.tails import LEAST, PowerLaw, fit_power_law
 from robosim.analysis.measure.traffic import lapses, segregation
@@ -267,7 +267,7 @@ def lapse_exponent(episode: Episode) -> MetricValue:
 
 
 def clog_count(episode: Episode) -> MetricValue:
-    """Return how many clogs; see `robosim.analysis.clogs.finder` for what one is."""
+    """Return how many clogs; see `robosim.analysis.clogs.clog` for what one is."""
     return NO_TUNNEL if episode.tunnels.count == 0 else float(len(clogs(episode)))
 
 

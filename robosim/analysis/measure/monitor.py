@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.analysis.clogs.finder import Clog, ClogFinder
+from robosim.analysis.clogs.clog import Clog
+from robosim.analysis.clogs.finder import ClogFinder
 from robosim.analysis.measure.traffic import Traffic, TrafficMeter
 from robosim.analysis.measure.trips import Totals, Trip, TripLog
 from robosim.analysis.measure.tunnels import Tunnels, find_tunnels

@@ -125,8 +125,11 @@ class TrafficMeter:
         now = inside[first:]
         if len(now):
             self._add_windows(now, distance[first:] - was, carried)
-            moving = np.abs(distance[first:] - was) >= self._least_displacement
-            self._add_counts(now, moving, laden[first:], (rows[first:], columns[first:]), place[first:])
+            self._add_counts(now)
+            # Who stands in a jam is no traffic: its lane and direction say nothing of how the team shares.
+            moving = (now >= 0) & (np.abs(distance[first:] - was) >= self._least_displacement)
+            self._add_lanes(moving, laden[first:], (rows[first:], columns[first:]))
+            self._add_occupancy(place[first:])
             self._add_activity(now)
             self._stops += (frames.action[first : frames.rows] == STOP).sum(axis=0)
             self._decisions += len(now)
@@ -193,19 +196,21 @@ class TrafficMeter:
         self._window_time = np.zeros_like(time[0]) if nothing else time[-1].copy()
         self._window_approach = np.zeros_like(approached[0]) if nothing else approached[-1].copy()
 
-    def _add_counts(
-        self, now: Integers, moving: Bools, laden: Bools, cell: tuple[Integers, Integers], place: Floats
-    ) -> None:
+    def _add_counts(self, now: Integers) -> None:
+        within = (now >= 0).sum(axis=1)
+        self._count += np.bincount(within, minlength=self._robots + 1)
+
+    def _add_lanes(self, moving: Bools, laden: Bools, cell: tuple[Integers, Integers]) -> None:
+        """Count in which cells of the tunnels the robots are that move along: `moving` [rows, robots]."""
         rows, columns = self._shape
-        within = now >= 0
-        self._count += np.bincount(within.sum(axis=1), minlength=self._robots + 1)
-        # Who stands in a jam is no traffic: its lane and direction say nothing of how the team shares.
-        within = within & moving
-        both = (within & laden).any(axis=1) & (within & ~laden).any(axis=1)
+        both = (moving & laden).any(axis=1) & (moving & ~laden).any(axis=1)
         self._bidirectional += int(both.sum())
         flat = cell[0] * columns + cell[1]
         for carries, cells in enumerate(self._cells):
-            cells += np.bincount(flat[within & (laden == carries)], minlength=rows * columns)
+            cells += np.bincount(flat[moving & (laden == carries)], minlength=rows * columns)
+
+    def _add_occupancy(self, place: Floats) -> None:
+        rows, columns = self._shape
         fine = np.floor(place * (1.0 / self._fine)).astype(np.int64)
         wide = columns * PER_CELL
         x = np.clip(fine[..., 0], 0, wide - 1)

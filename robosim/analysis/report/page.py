@@ -12,7 +12,7 @@ from typing import NamedTuple
 from markupsafe import Markup
 
 import robosim
-from robosim.analysis.clogs.finder import TRANSITS, Clog
+from robosim.analysis.clogs.clog import TRANSITS, Clog
 from robosim.analysis.figures.catalogue import FIGURES, Plot
 from robosim.analysis.figures.rendering import Rendered
 from robosim.analysis.figures.style import COLUMN

@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow as pa
 
 import robosim
-from robosim.analysis.clogs.finder import TRANSITS, Clog, clogged_decisions
+from robosim.analysis.clogs.clog import TRANSITS, Clog, clogged_decisions
 from robosim.analysis.measure.metrics import (
     NO_TIME,
     NO_TUNNEL,
@@ -67,7 +67,7 @@ CLOGS = pa.schema(
         ("transits", pa.float64()),
     ]
 )
-"""Columns of clogs.parquet: fields of `robosim.analysis.clogs.finder.Clog`, start and end in decisions."""
+"""Columns of clogs.parquet: fields of `robosim.analysis.clogs.clog.Clog`, start and end in decisions."""
 
 VISITS = pa.schema(
     [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from robosim.analysis.clogs.finder import TRANSITS
+from robosim.analysis.clogs.clog import TRANSITS
 from robosim.analysis.measure.metrics import MetricValue, NotDefined, clogged_share, clogs, stop_share
 from robosim.analysis.measure.monitor import Episode
 from robosim.analysis.measure.strategy import Strategy, classify

@@ -4,14 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from robosim.analysis.clogs.finder import (
-    SHORTEST,
-    Cause,
-    ClogFinder,
-    Ending,
-    clogged_decisions,
-    clogs_among,
-)
+from robosim.analysis.clogs.clog import SHORTEST, Cause, Ending, clogged_decisions, clogs_among
+from robosim.analysis.clogs.finder import ClogFinder
 from robosim.analysis.measure.tunnels import find_tunnels
 from tests.analysis.handmade import (
     HOLD,

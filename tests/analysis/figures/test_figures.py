@@ -18,11 +18,12 @@ from hypothesis import strategies as st
 from matplotlib.collections import LineCollection
 from matplotlib.colors import same_color
 
-from robosim.analysis.clogs.finder import clogs_among
+from robosim.analysis.clogs.clog import clogs_among
 from robosim.analysis.figures.catalogue import FIGURES, draw
 from robosim.analysis.figures.maps import smoothed
 from robosim.analysis.figures.rendering import render
-from robosim.analysis.figures.spacetime import longest_clog, spread_apart
+from robosim.analysis.figures.spacetime import spread_apart
+from robosim.analysis.figures.spans import longest_clog
 from robosim.analysis.figures.style import ALPHA, CAUSES, COLUMN, LADEN, PAGE, UNLADEN, look
 from robosim.analysis.measure.metrics import METRICS, clogs
 from robosim.analysis.measure.monitor import TeamMonitor

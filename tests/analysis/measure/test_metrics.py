@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from robosim.analysis.clogs.finder import Cause
+from robosim.analysis.clogs.clog import Cause
 from robosim.analysis.measure.metrics import (
     METRICS,
     NotDefined,

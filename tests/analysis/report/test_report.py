@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import robosim
-from robosim.analysis.clogs.finder import Cause, Ending, clogged_decisions
+from robosim.analysis.clogs.clog import Cause, Ending, clogged_decisions
 from robosim.analysis.figures.catalogue import FIGURES
 from robosim.analysis.figures.rendering import Rendered
 from robosim.analysis.figures.style import COLUMN
