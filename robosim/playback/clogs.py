@@ -22,7 +22,7 @@ from robosim.analysis.measure.visits import VisitLog
 from robosim.arena.model import Arena
 from robosim.episodes.columns import FrameColumns
 from robosim.episodes.frame import Frame
-from robosim.playback.threads import Piece, Threads
+from robosim.playback.lineages import Lineages, Piece
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -55,7 +55,7 @@ class NumberedClog(NamedTuple):
     """The recorded decisions of it: each from a first one up to, not including, a last."""
 
 
-class Watched(NamedTuple):
+class Settled(NamedTuple):
     """What is known for certain since the last time."""
 
     drawn: Drawn
@@ -77,7 +77,7 @@ class ClogWatch:
     `write` gets it, now and then. Where frames are left out, whatever stands is over, and all begins anew.
     """
 
-    def __init__(self, arena: Arena, robots: int, write: Callable[[Watched], None]) -> None:
+    def __init__(self, arena: Arena, robots: int, write: Callable[[Settled], None]) -> None:
         self._arena = arena
         self._robots = robots
         self._tunnels = find_tunnels(arena)
@@ -127,7 +127,7 @@ class ClogWatch:
         self._numbered += len(decided)
         earliest = min([earliest, *(clog.start for clog in self._waiting)])
         self._spans = [span for span in self._spans if span[1] > earliest or span is self._spans[-1]]
-        self._write(Watched(drawn, decided, until))
+        self._write(Settled(drawn, decided, until))
 
     def _parts(self, clog: Clog) -> list[tuple[int, int]]:
         parts = ((max(start, clog.start), min(end, clog.end)) for start, end in self._spans)
@@ -143,8 +143,8 @@ class _Window(NamedTuple):
     """[rows, robots, 2] m."""
     link: Bools
     """[rows, robots, robots] who is linked."""
-    thread: Integers
-    """[rows, robots] which thread of groups each is in, or -1."""
+    lineage: Integers
+    """[rows, robots] which lineage of groups each is in, or -1."""
     recorded: Bools
     """[rows]."""
 
@@ -158,7 +158,7 @@ class _Stretch:
         self._hold = hold_decisions(arena)
         self._visits = VisitLog(tunnels)
         self._finder = ClogFinder(arena, robots, tunnels)
-        self._threads = Threads(robots, self._hold)
+        self._lineages = Lineages(robots, self._hold)
         self._window = _Window(
             np.zeros(0, dtype=np.int64),
             np.zeros((0, robots, 2)),
@@ -182,10 +182,10 @@ class _Stretch:
             np.concatenate([window.step, step]),
             np.concatenate([window.place, place]),
             np.concatenate([window.link, groups.link]),
-            np.concatenate([window.thread, np.full_like(groups.label, -1)]),
+            np.concatenate([window.lineage, np.full_like(groups.label, -1)]),
             np.concatenate([window.recorded, recorded]),
         )
-        self._threads.follow(self._window.step, groups.label, self._window.thread, self._window.link)
+        self._lineages.follow(self._window.step, groups.label, self._window.lineage, self._window.link)
 
     def decide(self, *, over: bool) -> tuple[Drawn, list[Clog], int]:
         """Return what to draw, the clogs that have ended, and the first decision at which another may begin.
@@ -220,7 +220,7 @@ class _Stretch:
         link = np.zeros((count, self._robots, self._robots), dtype=np.bool_)
         for clog in clogs:
             rows = slice(max(clog.start - first, 0), max(clog.end - first, 0))
-            mine = self._threads.whose(window.thread[rows], clog)
+            mine = self._lineages.whose(window.lineage[rows], clog)
             member[rows] |= mine
             link[rows] |= window.link[rows] & mine[:, :, None] & mine[:, None, :]
         shown = window.recorded & (window.step < horizon)
@@ -229,11 +229,11 @@ class _Stretch:
     def _drop(self, horizon: int) -> None:
         window = self._window
         rows = int(np.searchsorted(window.step, horizon))
-        self._threads.forget(window.step, window.thread, rows)
+        self._lineages.forget(window.step, window.lineage, rows)
         self._window = _Window(
             window.step[rows:].copy(),
             window.place[rows:].copy(),
             window.link[rows:].copy(),
-            window.thread[rows:].copy(),
+            window.lineage[rows:].copy(),
             window.recorded[rows:].copy(),
         )

@@ -13,7 +13,7 @@ from robosim.arena.model import Arena
 from robosim.arena.outline import body_outline
 from robosim.playback import entities, palette
 from robosim.playback.changes import changed_rows
-from robosim.playback.clogs import Drawn, NumberedClog, Watched
+from robosim.playback.clogs import Drawn, NumberedClog, Settled
 from robosim.playback.sending import send_rows
 
 LINK_GRID = 0.01
@@ -33,14 +33,14 @@ class ClogWriter:
         self._links = self._grid(np.zeros((1, robots, 2)), np.zeros((1, robots, robots), dtype=np.bool_))[0]
         self._lanes: list[_Lane] = []
 
-    def write(self, watched: Watched) -> None:
+    def write(self, settled: Settled) -> None:
         """Write what is new."""
-        if len(watched.drawn.step):
-            self._write_rings(watched.drawn)
-            self._write_links(watched.drawn)
-        if watched.clogs:
-            self._write_intervals(watched.clogs, watched.until)
-            self._write_log(watched.clogs)
+        if len(settled.drawn.step):
+            self._write_rings(settled.drawn)
+            self._write_links(settled.drawn)
+        if settled.clogs:
+            self._write_intervals(settled.clogs, settled.until)
+            self._write_log(settled.clogs)
 
     def finish(self) -> None:
         """Write the colours of the intervals, once all are known."""

@@ -13,7 +13,7 @@ from robosim.episodes.columns import FrameColumns
 from robosim.episodes.frame import Frame
 from robosim.playback import entities
 from robosim.playback.blueprint import make_blueprint
-from robosim.playback.clogs import ClogWatch, Watched
+from robosim.playback.clogs import ClogWatch, Settled
 from robosim.playback.clogwriter import ClogWriter
 from robosim.playback.file import recording_file, require_space
 from robosim.playback.scene import send_scene
@@ -65,9 +65,9 @@ class Recorder:
         self._frames.clear()
         self._pauses.clear()
 
-    def _write_clogs(self, watched: Watched) -> None:
-        require_space(self._folder, watched.drawn.link.nbytes)
-        self._clog_writer.write(watched)
+    def _write_clogs(self, settled: Settled) -> None:
+        require_space(self._folder, settled.drawn.link.nbytes)
+        self._clog_writer.write(settled)
 
     def finish(self) -> None:
         """Write what is left; `recording` does it at the end."""

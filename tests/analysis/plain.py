@@ -319,8 +319,8 @@ class PlainClogs:
             if stay.standing:
                 if step <= stay.recognised + self.hold:
                     causes = ["HEAD_ON", "PELLET", "TURNING", "QUEUE"]
-                    graver = min(self._cause(step, sorted(stay.standing)), stay.onset[0], key=causes.index)
-                    stay.onset = (graver, *stay.onset[1:])
+                    foremost = min(self._cause(step, sorted(stay.standing)), stay.onset[0], key=causes.index)
+                    stay.onset = (foremost, *stay.onset[1:])
                 stay.last, stay.stood = step, set(stay.standing)
                 for robot in stay.standing:
                     stay.seen[robot] = step

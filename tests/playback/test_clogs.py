@@ -18,7 +18,7 @@ from robosim.episodes.columns import FrameColumns
 from robosim.episodes.replay import replay
 from robosim.playback import clogs as clogs_module
 from robosim.playback import palette, recording
-from robosim.playback.clogs import ClogWatch, Drawn, NumberedClog, Watched, decisions_until_certain
+from robosim.playback.clogs import ClogWatch, Drawn, NumberedClog, Settled, decisions_until_certain
 from robosim.playback.clogwriter import LINK_GRID, ClogWriter
 from robosim.playback.episode import (
     decisions_run,
@@ -337,7 +337,7 @@ def test_clogs_at_the_same_time_lie_in_lanes_of_their_own(tmp_path, jam):
     with recording(path, jam.arena, robots=4) as recorder:
         writer = ClogWriter(recorder._clog_writer._stream, jam.arena, 4)
         for one in numbered:
-            writer.write(Watched(drawn, [one], 1000))
+            writer.write(Settled(drawn, [one], 1000))
         writer.finish()
     found = Reading(path)
     lane, second = found.rows["/modes/clogs"], found.rows["/modes/clogs_2"]
@@ -356,7 +356,7 @@ def test_clogs_at_the_same_time_lie_in_lanes_of_their_own(tmp_path, jam):
 
 def test_memory_does_not_grow_with_the_run(monkeypatch, crowd):
     monkeypatch.setattr(clogs_module, "CHUNK", 100)
-    watch = ClogWatch(crowd.arena, crowd.robots, lambda watched: None)
+    watch = ClogWatch(crowd.arena, crowd.robots, lambda settled: None)
     used, step = [], 0
     tracemalloc.start()
     try:

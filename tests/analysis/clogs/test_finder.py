@@ -364,7 +364,7 @@ def test_a_passage_that_had_begun_before_the_halt_cuts_nothing(leaves, pieces):
     assert found(script)[0].start == HALT
 
 
-def test_the_gravest_cause_of_the_first_three_seconds_counts():
+def test_the_foremost_cause_of_the_first_three_seconds_counts():
     """A queue is recognised; the one that it waits for, bound for the other end, has its part 1 s later."""
     script = Script("single-lane", 3, STEPS)
     for robot, x in ((0, X + 0.2), (1, X + 0.1)):

@@ -1,4 +1,4 @@
-"""Every figure of three runs made by hand, worked out beside it; and that none is ever NaN."""
+"""Every metric of three runs made by hand, worked out beside it; and that none is ever NaN."""
 
 import math
 from dataclasses import replace
@@ -171,21 +171,21 @@ STUCK = {
 }
 
 
-def figures(script: Script) -> dict[str, float | NotDefined]:
+def metrics_of(script: Script) -> dict[str, float | NotDefined]:
     return {summary.metric.name: summary.values[0] for summary in summarise([script.watch()])}
 
 
 @pytest.mark.parametrize(
     ("script", "known"), [(to_and_fro, TO_AND_FRO), (both_ways, BOTH_WAYS), (stuck, STUCK)]
 )
-def test_figures_are_those_worked_out_by_hand(script, known):
-    found = figures(script())
+def test_metrics_are_those_worked_out_by_hand(script, known):
+    found = metrics_of(script())
     for name, value in known.items():
         expected = pytest.approx(value, abs=1e-12) if isinstance(value, float) else value
         assert found[name] == expected, name
 
 
-def test_every_figure_is_worked_out_somewhere():
+def test_every_metric_is_worked_out_somewhere():
     assert [name for name in NAMES if name not in TO_AND_FRO] == []
     assert len(set(NAMES)) == len(NAMES)
 
@@ -209,15 +209,17 @@ def test_the_exponent_is_that_of_the_lapses():
     script.pose[ends - 1, 0, :2] = middle(8, 3)
     script.pose[ends, 0, :2] = middle(20, 3)
     expected = fit_power_law(np.diff(ends) * 0.3)
-    assert figures(script)["lapse tail exponent"] == expected.alpha
-    assert figures(script)["lapse between passages, median"] == pytest.approx(np.median(np.diff(ends)) * 0.3)
+    assert metrics_of(script)["lapse tail exponent"] == expected.alpha
+    assert metrics_of(script)["lapse between passages, median"] == pytest.approx(
+        np.median(np.diff(ends)) * 0.3
+    )
 
 
 def test_two_tunnels_share_the_means():
     """One robot in one of two tunnels: half the density of each, but one robot in the tunnels."""
     script = Script("two-tunnels", 1, 100)
     script.pose[..., :2] = middle(12, 6)
-    found = figures(script)
+    found = metrics_of(script)
     assert found["tunnel density"] == pytest.approx(0.5 / 1.65)
     assert found["robots in the tunnels, mean"] == 1.0
 
@@ -256,13 +258,13 @@ def test_every_figure_of_any_crowd_is_finite_or_says_why_not(run):
 @pytest.mark.parametrize("decisions", [0, 1, 2])
 @pytest.mark.parametrize("robots", [1, 3])
 @pytest.mark.parametrize("arena", ["paper", "two-tunnels", None])
-def test_the_shortest_runs_have_figures_too(arena, robots, decisions):
+def test_the_shortest_runs_have_metrics_too(arena, robots, decisions):
     script = Script(arena or without_tunnel(), robots, decisions)
     episode = script.watch()
     assert episode.decisions == decisions
     assert episode.seconds == pytest.approx(0.3 * decisions)
     sound(episode)
-    found = figures(script)
+    found = metrics_of(script)
     assert found["pellets"] == 0.0
     assert isinstance(found["decisions to stop"], NotDefined) == (decisions == 0)
     if arena is None:
@@ -270,21 +272,21 @@ def test_the_shortest_runs_have_figures_too(arena, robots, decisions):
             assert found[name] == NotDefined("the arena has no tunnel"), name
 
 
-def test_a_monitor_that_saw_nothing_has_figures_too():
+def test_a_monitor_that_saw_nothing_has_metrics_too():
     episode = EpisodeMonitor(load_arena("paper"), 2).finish()
     assert episode.decisions == 0
     sound(episode)
 
 
-def test_robots_that_never_move_have_figures_too():
+def test_robots_that_never_move_have_metrics_too():
     script = Script("two-tunnels", 3, 450)
     sound(script.watch())
-    assert figures(script)["active fraction"] == 0.0
-    assert figures(script)["one robot alone in the tunnels"] == NotDefined("no robot was in a tunnel")
+    assert metrics_of(script)["active fraction"] == 0.0
+    assert metrics_of(script)["one robot alone in the tunnels"] == NotDefined("no robot was in a tunnel")
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_real_runs_cut_short_have_figures_too(name):
+def test_real_runs_cut_short_have_metrics_too(name):
     run = real(name)
     for length in (1, 2, 3, 12, 101):
         monitor = EpisodeMonitor(run.arena, run.robots)
@@ -294,20 +296,20 @@ def test_real_runs_cut_short_have_figures_too(name):
     sound(run.watch())
 
 
-def test_an_arena_without_pellets_has_figures_too():
+def test_an_arena_without_pellets_has_metrics_too():
     arena = load_arena("single-lane")
     script = Script(replace(arena, pellets=replace(arena.pellets, count=0)), 2, 120)
     script.pose[..., :2], script.action[1:] = middle(12, 3), 3
     script.meet(range(1, 121), 0, 1)
     with np.errstate(all="raise"):
         sound(script.watch())
-    assert figures(script)["clogs"] == 1.0
+    assert metrics_of(script)["clogs"] == 1.0
 
 
 def test_one_robot_has_nobody_to_share_with():
     script = Script("paper", 1, 100)
     script.delivered[50:] = 1
-    assert figures(script)["Gini coefficient of the workload"] == NotDefined(
+    assert metrics_of(script)["Gini coefficient of the workload"] == NotDefined(
         "one robot has nobody to share with"
     )
 
@@ -329,7 +331,7 @@ def test_summaries_are_in_the_order_of_the_metrics():
     assert summaries[0].values == (0.0, 1.0)
 
 
-def test_figures_are_shown_with_four_digits():
+def test_metrics_are_shown_with_four_digits():
     assert shown(1234.5678) == "1235"
     assert shown(0.00012345678) == "0.0001235"
     assert shown(NotDefined("no trips")) == "not defined: no trips"

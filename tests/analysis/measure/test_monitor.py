@@ -267,8 +267,8 @@ def test_deliveries_over_time():
     assert (steps.tolist(), counts.tolist()) == ([0], [[0, 0]])
 
 
-def test_figures_do_not_depend_on_the_order_of_robots():
-    """Numbers are names: the same run with the robots in another order has the same figures."""
+def test_metrics_do_not_depend_on_the_order_of_robots():
+    """Numbers are names: the same run with the robots in another order has the same metrics."""
     run = real("reckless on three-wide")
     order = np.roll(np.arange(run.robots), 3)
     number = np.argsort(order)

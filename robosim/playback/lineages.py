@@ -23,29 +23,29 @@ class Piece(NamedTuple):
     members: frozenset[int]
 
 
-class Threads:
-    """Follows groups: two of them are of one thread if a robot was in both, also with a pause in between.
+class Lineages:
+    """Follows groups: two of them are of one lineage if a robot was in both, also with a pause in between.
 
-    Threads that grow together stay apart before that, since a clog may be over by then.
+    Lineages that grow together stay apart before that, since a clog may be over by then.
     """
 
     def __init__(self, robots: int, hold: int) -> None:
         self._hold = hold
         self._count = 0
         self._into: dict[int, tuple[int, int]] = {}
-        """What a thread became as it grew together with an older one, and the decision."""
-        self._thread = np.full(robots, -1)
-        """[robots] the latest thread of each."""
+        """What a lineage became as it grew together with an older one, and the decision."""
+        self._lineage = np.full(robots, -1)
+        """[robots] the latest lineage of each."""
         self._last = np.full(robots, -hold - 1)
         """[robots] the last decision in it."""
         self._seen: dict[int, Integers] = {}
-        """By thread: [robots] the last decision of each in it, of the rows that are forgotten, or -1."""
+        """By lineage: [robots] the last decision of each in it, of the rows that are forgotten, or -1."""
 
-    def follow(self, step: Integers, label: Integers, thread: Integers, link: Bools) -> None:
-        """Write into `thread` [rows, robots] who is in which, or -1, after the decisions `step` [rows].
+    def follow(self, step: Integers, label: Integers, lineage: Integers, link: Bools) -> None:
+        """Write into `lineage` [rows, robots] who is in which, or -1, after the decisions `step` [rows].
 
         The last of them are new, and have the groups `label`. They change also the ones before: robots that
-        were in a pause until now are in it, and those of a new thread are in it and linked for the `hold`
+        were in a pause until now are in it, and those of a new lineage are in it and linked for the `hold`
         decisions in which they had come to a halt.
         """
         old = len(step) - len(label)
@@ -63,13 +63,13 @@ class Threads:
                     rows = slice(begin, rows.stop)
                 for robot in recent.tolist():
                     gap = slice(old + first - (now - int(self._last[robot])) + 1, old + first)
-                    thread[gap, robot] = self._thread[robot]
-                thread[rows, group] = self._thread[group] = self._join(self._thread[recent].tolist(), now)
+                    lineage[gap, robot] = self._lineage[robot]
+                lineage[rows, group] = self._lineage[group] = self._join(self._lineage[recent].tolist(), now)
                 self._last[group] = int(step[old + end - 1])
 
-    def _join(self, threads: Sequence[int], step: int) -> int:
-        """Make one thread of several, or a new one of none."""
-        roots = {self._root(thread, step) for thread in threads}
+    def _join(self, lineages: Sequence[int], step: int) -> int:
+        """Make one lineage of several, or a new one of none."""
+        roots = {self._root(lineage, step) for lineage in lineages}
         if not roots:
             self._count += 1
             return self._count - 1
@@ -77,22 +77,22 @@ class Threads:
         self._into.update(dict.fromkeys(roots - {root}, (root, step)))
         return root
 
-    def _root(self, thread: int, end: int) -> int:
-        """Return what a thread has become by the decision `end`."""
-        while thread in self._into and self._into[thread][1] <= end:
-            thread = self._into[thread][0]
-        return thread
+    def _root(self, lineage: int, end: int) -> int:
+        """Return what a lineage has become by the decision `end`."""
+        while lineage in self._into and self._into[lineage][1] <= end:
+            lineage = self._into[lineage][0]
+        return lineage
 
-    def whose(self, thread: Integers, clog: Piece) -> Bools:
-        """Return which robots are in a clog, in its rows [rows, robots] of threads.
+    def whose(self, lineage: Integers, clog: Piece) -> Bools:
+        """Return which robots are in a clog, in its rows [rows, robots] of lineages.
 
-        Its thread is the one whose robots since its start fit its members best.
+        Its lineage is the one whose robots since its start fit its members best.
         """
         there: dict[int, Bools] = {}
-        for one in np.unique(thread[thread >= 0]).tolist():
+        for one in np.unique(lineage[lineage >= 0]).tolist():
             root = self._root(one, clog.end)
-            there[root] = there.get(root, np.zeros_like(thread, dtype=np.bool_)) | (thread == one)
-        best, fit = np.zeros_like(thread, dtype=np.bool_), 0.0
+            there[root] = there.get(root, np.zeros_like(lineage, dtype=np.bool_)) | (lineage == one)
+        best, fit = np.zeros_like(lineage, dtype=np.bool_), 0.0
         for root, mine in there.items():
             seen = mine.any(axis=0)
             for one, last in self._seen.items():
@@ -102,20 +102,20 @@ class Threads:
             share = len(robots & clog.members) / len(robots | clog.members)
             if share > fit:
                 best, fit = mine, share
-        return best & np.isin(np.arange(thread.shape[1]), list(clog.members))
+        return best & np.isin(np.arange(lineage.shape[1]), list(clog.members))
 
-    def forget(self, step: Integers, thread: Integers, rows: int) -> None:
+    def forget(self, step: Integers, lineage: Integers, rows: int) -> None:
         """Forget the first `rows` rows, but for what `whose` needs of them for the others."""
-        for one in np.unique(thread[:rows][thread[:rows] >= 0]).tolist():
-            last = np.where(thread[:rows] == one, step[:rows, None], -1).max(axis=0)
+        for one in np.unique(lineage[:rows][lineage[:rows] >= 0]).tolist():
+            last = np.where(lineage[:rows] == one, step[:rows, None], -1).max(axis=0)
             self._seen[one] = np.maximum(last, self._seen.get(one, -1))
         # What grew together before the rows that are left is one for good.
         first = int(step[rows]) if rows < len(step) else _EVER
         for one, (root, when) in sorted(self._into.items(), key=lambda item: item[1][1]):
             if when < first:
                 del self._into[one]
-                self._thread[self._thread == one] = root
+                self._lineage[self._lineage == one] = root
                 if one in self._seen:
                     self._seen[root] = np.maximum(self._seen.pop(one), self._seen.get(root, -1))
-        live = {self._root(one, _EVER) for one in np.unique(thread[rows:]).tolist()}
+        live = {self._root(one, _EVER) for one in np.unique(lineage[rows:]).tolist()}
         self._seen = {one: last for one, last in self._seen.items() if self._root(one, _EVER) in live}
