@@ -6,6 +6,8 @@ import difflib
 import json
 from collections.abc import Iterable
 
+import numpy as np
+
 
 class InputError(ValueError):
     """Wrong input: one sentence that names the place, the value and what is allowed.
@@ -25,7 +27,7 @@ def nearest_names(name: str, known: Iterable[str]) -> str:
 
 def shown(value: object) -> str:
     """Write a value as a file would, in one printable line that is not too long."""
-    if isinstance(value, str):
+    if isinstance(value, str | bool):
         text = json.dumps(value)
     elif isinstance(value, list | tuple):
         more = ", ..." if len(value) > 9 else ""
@@ -38,3 +40,15 @@ def shown(value: object) -> str:
         text = " ".join(str(value).split())
     text = "".join(character if character.isprintable() else "?" for character in text)
     return text if len(text) <= 80 else text[:76] + " ..."
+
+
+def refused(place: str, value: object, allowed: str) -> InputError:
+    """Return the error for a value: one sentence that names the place, the value and what is allowed."""
+    return InputError(f"{place} is {shown(value)}, but must be {allowed}.")
+
+
+def whole_number(place: str, value: object, low: int, high: int) -> int:
+    """Return `value` as an int; InputError unless it is a whole number from `low` to `high`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
+        raise refused(place, value, f"a whole number from {low} to {high}")
+    return int(value)

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from robosim.errors import InputError, nearest_names, shown
+from robosim.errors import InputError, nearest_names, refused, shown
 
 _Item = TypeVar("_Item")
 
@@ -147,7 +147,7 @@ def _sentence(model: type[BaseModel], error: ErrorDetails) -> str:
         text = error["msg"].removeprefix("Value error, ").rstrip(".")
         return f"{place + ': ' if place else ''}{text}."
     described = allowed(field) if field is not None else error["msg"]
-    return f"{place} is {shown(value)}, but must be {described}."
+    return str(refused(place, value, described))
 
 
 def allowed(field: FieldInfo) -> str:
@@ -170,7 +170,7 @@ def _allowed(annotation: Any, metadata: list[Any]) -> str:
     if origin is tuple:
         return f"a list of {_lengths(metadata)}{_plural(annotation)}"
     if annotation is bool:
-        return "True or False"
+        return "true or false"
     if annotation in (int, float):
         kind = "a whole number" if annotation is int else "a number"
         return kind + _bounds(metadata)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from robosim.arena.geometry import Mask, components, passage
 from robosim.arena.model import ZONE_OF_CHARACTER, PelletSheet, Randomisation, Start, Timing, Zone
 from robosim.arena.outline import first_touched, touches_wall
-from robosim.arena.schema import shown
+from robosim.errors import shown
 from robosim.robot.sheet import RobotSheet
 
 MOST_CELLS = 200

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import ErrorDetails
 
 from robosim.arena.model import PelletSheet, Timing
-from robosim.errors import nearest_names
+from robosim.errors import nearest_names, shown
 from robosim.robot.sheet import BodyShape, RobotSheet
 
 _ROBOT, _PELLETS, _TIMING = RobotSheet(), PelletSheet(), Timing()
@@ -136,21 +136,6 @@ def mistake(error: ErrorDetails, data: Table) -> str:
     for key in keys:
         value = value[key]
     return f"{place} is {shown(value)}, but must be {allowed}."
-
-
-def shown(value: object) -> str:
-    """Write a value as an arena file would, in one line and not too long."""
-    if isinstance(value, str | bool):
-        text = json.dumps(value)
-    elif isinstance(value, list):
-        text = "[" + ", ".join(shown(part) for part in value[:9]) + (", ..." if len(value) > 9 else "") + "]"
-    elif isinstance(value, dict):
-        text = "a table"
-    elif isinstance(value, int) and abs(value) > 10**30:
-        text = "a whole number of more than 30 digits"
-    else:
-        text = str(value)
-    return text if len(text) <= 80 else text[:76] + " ..."
 
 
 def _section(model: type[BaseModel], key: str) -> type[BaseModel]:

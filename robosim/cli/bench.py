@@ -23,12 +23,11 @@ class Bench:
         import json
         import platform
 
-        from robosim.errors import InputError
+        from robosim.errors import whole_number
         from robosim.files import require_writable, write_whole
 
-        for name, value in (("decisions", self.decisions), ("updates", self.updates)):
-            if not 1 <= value <= 100_000:
-                raise InputError(f"--{name} is {value}; allowed are whole numbers from 1 to 100000.")
+        whole_number("--decisions", self.decisions, 1, 100_000)
+        whole_number("--updates", self.updates, 1, 100_000)
         if self.json is not None:
             require_writable(self.json)
         record = {

@@ -54,13 +54,15 @@ class Play:
 
     def run(self) -> None:
         """Record, and say where the recording is and how to open it."""
+        from robosim.envs.config import MOST_STEPS
+        from robosim.envs.vector import MAX_SEED
         from robosim.episodes.trajectory import SUFFIX
-        from robosim.errors import InputError
+        from robosim.errors import whole_number
 
-        if self.steps is not None and self.steps < 1:
-            raise InputError(f"--steps is {self.steps}: it must be at least 1.")
-        if self.seed is not None and self.seed < 0:
-            raise InputError(f"--seed is {self.seed}: it must not be negative.")
+        if self.steps is not None:
+            whole_number("--steps", self.steps, 1, MOST_STEPS)
+        if self.seed is not None:
+            whole_number("--seed", self.seed, 0, MAX_SEED)
         self._check_around()
         again = Path(self.policy).suffix == SUFFIX
         if self.clogs_only:
@@ -73,14 +75,14 @@ class Play:
             subprocess.Popen(viewer, start_new_session=True)  # noqa: S603  # our own interpreter, an absolute path
 
     def _check_around(self) -> None:
-        from robosim.errors import InputError
+        from robosim.errors import InputError, refused
 
         if self.around is None:
             return
         if not self.clogs_only:
             raise InputError("--around says how much to record around clogs: it needs --clogs-only.")
         if not (math.isfinite(self.around) and self.around >= 0.0):
-            raise InputError(f"--around is {self.around:g}: it must be 0 or more seconds.")
+            raise refused("--around", self.around, "0 or more seconds")
 
     def _say_done(self, what: str, complete: bool) -> None:
         size = self.save.stat().st_size / 1e6

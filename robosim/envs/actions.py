@@ -6,7 +6,7 @@ import operator
 
 import numpy as np
 
-from robosim.errors import InputError
+from robosim.errors import InputError, refused
 
 
 def checked_action(place: str, action: object, num_actions: int) -> int:
@@ -17,14 +17,15 @@ def checked_action(place: str, action: object, num_actions: int) -> int:
     """
     if isinstance(action, np.ndarray) and action.size == 1:
         action = action.reshape(-1)[0]
-    allowed = f"an integer from 0 to {num_actions - 1}"
+    allowed = f"a whole number from 0 to {num_actions - 1}"
     if isinstance(action, bool | np.bool_):
-        raise InputError(f"{place} must be {allowed}, not {action!r} of type {type(action).__name__}.")
+        raise refused(place, action, allowed)
     try:
         index = operator.index(action)  # type: ignore[arg-type]  # checking is what this is for
     except TypeError:
-        shown = f"an array of shape {action.shape}" if isinstance(action, np.ndarray) else repr(action)
-        raise InputError(f"{place} must be {allowed}, not {shown} of type {type(action).__name__}.") from None
+        if isinstance(action, np.ndarray):
+            raise InputError(f"{place} has the shape {list(action.shape)}, but must be {allowed}.") from None
+        raise refused(place, action, allowed) from None
     if not 0 <= index < num_actions:
-        raise InputError(f"{place} must be {allowed}, not {index}.")
+        raise refused(place, index, allowed)
     return index

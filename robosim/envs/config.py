@@ -11,12 +11,14 @@ from robosim.arena import Arena, load_arena
 from robosim.discretise.observation import Encoding, ObservationLayout
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import RewardConfig
-from robosim.errors import InputError, shown
+from robosim.errors import refused
 from robosim.records import Record
 from robosim.robot.drivers import ActionKind
 from robosim.world.factory import WorldKind
 
 MAX_PELLET_GRADIENT = 50.0
+MOST_STEPS = 100_000_000
+"""Decisions in an episode."""
 LONGEST_ARENA = 1_000_000
 """Characters of an arena's text."""
 
@@ -46,7 +48,7 @@ class EnvConfig(Record):
     """What a decision pays."""
     pellet_gradient: float = Field(default=0.0, ge=0, le=MAX_PELLET_GRADIENT)
     """How unevenly pellets may lie as an episode begins, as they do after long digging; 0 for evenly."""
-    episode_steps: int = Field(default=0, ge=0, le=100_000_000)
+    episode_steps: int = Field(default=0, ge=0, le=MOST_STEPS)
     """Decisions in an episode; 0 for as many as the arena says."""
 
     @property
@@ -68,13 +70,11 @@ def env_config(base: EnvConfig | Arena | str | Path | None = None, **fields: Any
         fields = {"arena": base} | fields
     given = fields.pop("arena", config.arena)
     if not isinstance(given, str | Path | Arena):
-        raise InputError(f"arena is {shown(given)}, but must be a name, a path or an arena.")
+        raise refused("arena", given, "a name, a path or an arena")
     arena = given if isinstance(given, Arena) else load_arena(given)
     config = config.with_options(**{name: value for name, value in fields.items() if value is not None})
     config = config.changed(arena=arena.text)
     if config.robots > arena.capacity:
-        raise InputError(
-            f"robots is {config.robots}, but must be a whole number from 1 to {arena.capacity}: "
-            f"the arena {arena.name!r} has no room for more."
-        )
+        room = f"a whole number from 1 to {arena.capacity}, the room in arena {arena.name!r}"
+        raise refused("robots", config.robots, room)
     return config, arena

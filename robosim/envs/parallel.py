@@ -110,7 +110,7 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
     def _checked(self, actions: Mapping[str, int]) -> NDArray[np.int64]:
         if not isinstance(actions, Mapping):
             raise InputError(
-                f"step: actions must be a dict of one action for each agent, not {type(actions).__name__}."
+                f"step: actions is of type {type(actions).__name__}, but must be a dict, an action an agent."
             )
         missing = [agent for agent in self.agents if agent not in actions]
         if missing:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
 from robosim.episodes.frame import Frame
-from robosim.errors import InputError, shown
+from robosim.errors import refused, shown
 from robosim.robot.sheet import RobotSheet
 from robosim.world.state import PelletStatus
 
@@ -153,7 +153,7 @@ def checked_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> str | 
     """Return `mode`; raises InputError when it is neither None nor one of the metadata's."""
     if mode is not None and mode not in metadata["render_modes"]:
         allowed = " or ".join(map(shown, metadata["render_modes"]))
-        raise InputError(f"render_mode is {shown(mode)}, but must be None or {allowed}.")
+        raise refused("render_mode", mode, f"None or {allowed}")
     return mode
 
 

@@ -18,7 +18,7 @@ from robosim.discretise.dec_pomdp import DecPomdp
 from robosim.envs.config import EnvConfig, env_config
 from robosim.episodes.frame import Frame
 from robosim.episodes.trajectory import Trajectory
-from robosim.errors import InputError, shown
+from robosim.errors import InputError, refused, whole_number
 from robosim.robot.drivers import NUM_ACTIONS
 from robosim.world.factory import make_world
 from robosim.world.state import World
@@ -89,9 +89,9 @@ class VectorEnv:
         """
         self.config, arena = env_config(base, **fields)
         """What the environment is; with the arena's text."""
-        self.num_envs = _whole_number("num_envs", num_envs, 1, MAX_ENVS)
+        self.num_envs = whole_number("num_envs", num_envs, 1, MAX_ENVS)
         if not isinstance(autoreset, bool):
-            raise InputError(f"autoreset is {shown(autoreset)}, but must be True or False.")
+            raise refused("autoreset", autoreset, "true or false")
         self.autoreset = autoreset
         self.seeds = self.seeds_from(seed)
         config = self.config
@@ -258,9 +258,9 @@ class VectorEnv:
     def seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:
         """Return the seed of each environment, for one number or one each; InputError for anything else."""
         if not isinstance(seed, (list, tuple, range, np.ndarray)):
-            root = np.random.SeedSequence(_whole_number("seed", seed, 0, MAX_SEED))
+            root = np.random.SeedSequence(whole_number("seed", seed, 0, MAX_SEED))
             return tuple(int(one) for one in root.generate_state(self.num_envs, np.uint64))
-        seeds = tuple(_whole_number("seed", one, 0, MAX_SEED) for one in seed)
+        seeds = tuple(whole_number("seed", one, 0, MAX_SEED) for one in seed)
         if len(seeds) != self.num_envs:
             raise InputError(
                 f"seed has {len(seeds)} numbers, but must be one, or one for each of {self.num_envs} envs."
@@ -270,27 +270,16 @@ class VectorEnv:
 
 def checked_actions(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int64]:
     """Return actions as integers of `shape` [envs, robots]; InputError for another shape, kind or range."""
+    allowed = f"whole numbers from 0 to {NUM_ACTIONS - 1}, [envs, robots] = {list(shape)}"
     try:
         array = np.asarray(actions)
     except ValueError:
-        raise InputError(
-            f"actions: rows of unequal length; allowed is [envs, robots] = {list(shape)}."
-        ) from None
+        raise InputError(f"actions has rows of unequal length, but must be {allowed}.") from None
     if array.shape != shape:
-        raise InputError(f"actions: shape {list(array.shape)}; allowed is [envs, robots] = {list(shape)}.")
+        raise InputError(f"actions has the shape {list(array.shape)}, but must be {allowed}.")
     if array.dtype.kind not in "iu":
-        raise InputError(
-            f"actions: values of type {array.dtype}; allowed are integers from 0 to {NUM_ACTIONS - 1}."
-        )
+        raise InputError(f"actions is of type {array.dtype}, but must be {allowed}.")
     if array.min() < 0 or array.max() >= NUM_ACTIONS:
         wrong = int(array[(array < 0) | (array >= NUM_ACTIONS)][0])
-        raise InputError(
-            f"actions: {wrong} is not allowed; allowed are integers from 0 to {NUM_ACTIONS - 1}."
-        )
+        raise InputError(f"actions holds {wrong}, but must be {allowed}.")
     return array.astype(np.int64)
-
-
-def _whole_number(name: str, value: object, low: int, high: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not low <= value <= high:
-        raise InputError(f"{name} is {shown(value)}, but must be a whole number from {low} to {high}.")
-    return int(value)

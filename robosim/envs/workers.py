@@ -22,7 +22,7 @@ from robosim.arena.model import Arena
 from robosim.envs.config import EnvConfig
 from robosim.envs.vector import Snapshot, Transition, VectorEnv, checked_actions
 from robosim.episodes.frame import Frame
-from robosim.errors import InputError, shown
+from robosim.errors import InputError, refused
 
 _PATIENCE = 5.0
 """Time that a worker is given to end by itself, s."""
@@ -73,9 +73,7 @@ class WorkerVectorEnv:
         # Wrong input is found here, before any process is spawned, in the words of VectorEnv.
         sample = VectorEnv(arena, num_envs=num_envs, seed=seed, **fields)
         if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= num_envs:
-            raise InputError(
-                f"workers is {shown(workers)}, but must be a whole number from 1 to num_envs, {num_envs}."
-            )
+            raise refused("workers", workers, f"a whole number from 1 to num_envs, {num_envs}")
         self.seeds_from = sample.seeds_from
         self.config = sample.config
         self.arena = sample.arena
@@ -155,7 +153,7 @@ class WorkerVectorEnv:
                 frame: Frame = self._receive(worker)
                 contacts = replace(frame.contacts, env=np.full_like(frame.contacts.env, env))
                 return replace(frame, contacts=contacts)
-        raise InputError(f"env is {shown(env)}, but must be a whole number from 0 to {self.num_envs - 1}.")
+        raise refused("env", env, f"a whole number from 0 to {self.num_envs - 1}")
 
     def close(self) -> None:
         """End the processes; nothing can be done with this object afterwards."""

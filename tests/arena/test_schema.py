@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from robosim.arena import arena_names, load_arena, parse_arena
-from robosim.arena.schema import ArenaFile, shown
-from robosim.errors import InputError
+from robosim.arena.schema import ArenaFile
+from robosim.errors import InputError, shown
 
 PAGE = (Path(__file__).parents[2] / "docs" / "arenas.md").read_text()
 

@@ -11,7 +11,7 @@ from robosim.errors import InputError
 @pytest.mark.parametrize("field", ["decisions", "updates"])
 @pytest.mark.parametrize("value", [0, -3, 100_001])
 def test_a_count_out_of_range_is_refused(field: str, value: int) -> None:
-    with pytest.raises(InputError, match=f"--{field} is {value}; allowed are whole numbers from 1"):
+    with pytest.raises(InputError, match=f"--{field} is {value}, but must be a whole number from 1"):
         Bench(**{field: value}).run()
 
 

@@ -259,7 +259,7 @@ def test_every_mode_and_action_leaves_a_mark_of_its_own_that_is_not_nothing() ->
             {"decay": float("nan")},
             "decay is nan, but must be a number from 1e-06 to 1.",
         ),
-        ({"decay": True}, "decay is True, but must be a number from 1e-06 to 1."),
+        ({"decay": True}, "decay is true, but must be a number from 1e-06 to 1."),
         ({"decay": "0.1"}, 'decay is "0.1", but must be a number from 1e-06 to 1.'),
         (
             {"reinforcement": 0},

@@ -103,14 +103,14 @@ def test_a_step_outside_an_episode_is_refused(env: ParallelExcavation) -> None:
             {"robot_0": 4, "robot_1": 4, "robot_2": 4},
             "agent 'robot_2' is unknown; agents are robot_0, robot_1.",
         ),
-        ([4, 4], "step: actions must be a dict of one action for each agent, not list."),
+        ([4, 4], "step: actions is of type list, but must be a dict, an action an agent."),
         (
             {"robot_0": 4, "robot_1": float("nan")},
-            "step: the action of robot_1 must be an integer from 0 to 4, not nan of type float.",
+            "step: the action of robot_1 is nan, but must be a whole number from 0 to 4.",
         ),
         (
             {"robot_0": 5, "robot_1": 0},
-            "step: the action of robot_0 must be an integer from 0 to 4, not 5.",
+            "step: the action of robot_0 is 5, but must be a whole number from 0 to 4.",
         ),
     ],
 )

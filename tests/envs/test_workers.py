@@ -102,7 +102,7 @@ def test_a_worker_finds_the_error_and_goes_on() -> None:
         ({"workers": 0}, "workers is 0, but must be a whole number from 1 to num_envs, 4."),
         ({"workers": 5}, "workers is 5, but must be a whole number from 1 to num_envs, 4."),
         ({"workers": 2.0}, "workers is 2.0, but must be a whole number from 1 to num_envs, 4."),
-        ({"workers": True}, "workers is True, but must be a whole number from 1 to num_envs, 4."),
+        ({"workers": True}, "workers is true, but must be a whole number from 1 to num_envs, 4."),
     ],
 )
 def test_wrong_worker_counts_are_one_sentence(wrong: dict[str, object], sentence: str) -> None:

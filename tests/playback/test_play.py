@@ -50,8 +50,8 @@ def test_recordings_pass_the_viewers_own_check(tmp_path):
             "Recording 'nowhere/run.rrd': cannot be written (No such file or directory)",
         ),
         (["--save", "run.mp4"], "Recording 'run.mp4': the file name must end in .rrd"),
-        (["--steps", "0"], "--steps is 0: it must be at least 1."),
-        (["--seed", "-1"], "--seed is -1: it must not be negative."),
+        (["--steps", "0"], "--steps is 0, but must be a whole number from 1 to 100000000."),
+        (["--seed", "-1"], "--seed is -1, but must be a whole number from 0 to 18446744073709551615."),
         (
             ["--save-trajectory", "nowhere/run.npz"],
             "nowhere/run.npz: cannot be written: No such file or directory.",
@@ -135,7 +135,7 @@ def test_steps_cut_a_trajectory(tmp_path, played, capsys):
             "--save-trajectory cannot be given with {run}: a trajectory runs again just as it was.",
         ),
         (["--steps", "121"], "--steps is 121: {run} holds 120 decisions."),
-        (["--steps", "0"], "--steps is 0: it must be at least 1."),
+        (["--steps", "0"], "--steps is 0, but must be a whole number from 1 to 100000000."),
         (["--save", "run.mp4"], "Recording 'run.mp4': the file name must end in .rrd, the viewer's format."),
     ],
 )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Randomisation, Zone
-from robosim.errors import InputError
+from robosim.errors import refused
 from robosim.robot.drivers import ActionKind, make_driver
 from robosim.robot.kinematics import body_twist, slew, wrap_angle
 from robosim.world.contacts import ContactKind, no_contacts
@@ -39,9 +39,8 @@ class PhysicsWorld:
     ) -> None:
         """`pellet_gradient` is explained in `draw_pellets`."""
         if robots > arena.capacity:
-            raise InputError(
-                f"robots: {robots} do not fit the arena {arena.name!r}; allowed are 1 to {arena.capacity}."
-            )
+            room = f"a whole number from 1 to {arena.capacity}, the room in arena {arena.name!r}"
+            raise refused("robots", robots, room)
         self.arena = arena
         self.pellet_gradient = pellet_gradient
         self.robots = robots
