@@ -12,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena import Arena, load_arena
-from robosim.control.lanes import LanesController
+from robosim.bench.traffic import SPREAD_OUT, recorded_traffic
 from robosim.envs.vector import VectorEnv
 from robosim.world.physics import PhysicsWorld
 from robosim.world.physics.space import EpisodeSpace
 
 ROBOTS = (1, 8, 32)
 ENVS = (1, 16)
-SPREAD_OUT = 150
-"""Decisions before the clock starts, in which the team leaves home and reaches the source."""
 REPEATS = 3
 """Each case is timed as often, and its median repeat reported."""
 
@@ -98,35 +96,23 @@ def measure(
     empty = dataclasses.replace(full, pellets=dataclasses.replace(full.pellets, count=0))
     for team, batch in itertools.product(robots, envs):
         rounds = max(decisions // (1 if batch == 1 else 4), 1)
-        actions = _traffic(full, team, batch, SPREAD_OUT + rounds)
+        actions = recorded_traffic(full, team, batch, SPREAD_OUT + rounds)
         for chosen in (full, empty):
             repeats = sorted(_time_once(chosen, team, batch, actions) for _ in range(REPEATS))
             seconds, floor = repeats[REPEATS // 2]
             yield Cost(team, batch, chosen.pellets.count, rounds * batch, seconds, floor)
 
 
-def _traffic(arena: Arena, robots: int, envs: int, rounds: int) -> NDArray[np.int64]:
-    env = VectorEnv(arena, robots=robots, num_envs=envs)
-    observation = env.reset()
-    lanes = LanesController()
-    lanes.reset(env)
-    actions = np.empty((rounds, envs, robots), dtype=np.int64)
-    for step in range(rounds):
-        actions[step] = lanes.act(env, observation)
-        observation = env.step(actions[step]).observation
-    return actions
-
-
 def _time_once(arena: Arena, robots: int, envs: int, actions: NDArray[np.int64]) -> tuple[float, float]:
     """Return the processor time of the decisions after the spreading out, and of the solver's part in it."""
     env = VectorEnv(arena, robots=robots, num_envs=envs)
+    world = env.world
+    assert isinstance(world, PhysicsWorld)  # noqa: S101  what is under the clock, and what mypy cannot know
     env.reset()
     for chosen in actions[:SPREAD_OUT]:
         env.step(chosen)
     watch = _Stopwatch()
-    if not isinstance(env.world, PhysicsWorld):
-        raise TypeError("only physics has a solver to time")
-    for space in env.world.spaces:
+    for space in world.spaces:
         watch.watch(space)
     began = time.thread_time()
     for chosen in actions[SPREAD_OUT:]:

@@ -9,7 +9,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Bench:
-    """Measure the speed of simulator and learner against bare physics and bare matrix products."""
+    """Measure the speed of simulator and learner against bare physics and bare matrix products.
+
+    The two worlds are compared too.
+    """
 
     decisions: int = 400
     """Joint decisions that each repeat of a single environment times."""
@@ -34,6 +37,7 @@ class Bench:
             "machine": platform.processor() or platform.machine(),
             "python": platform.python_version(),
             "cases": _measure_decisions(self.decisions),
+            "worlds": _compare_worlds(self.decisions),
             "learner": _measure_updates(self.updates),
         }
         if self.json is not None:
@@ -59,6 +63,22 @@ def _measure_decisions(decisions: int) -> list[dict[str, Any]]:
         many, few = alone[32, envs], alone[8, envs]
         times = few.robot_decisions_per_second / many.robot_decisions_per_second
         print(f"with pellets, {envs} envs: a robot-decision of 32 costs {times:.2f} times one of 8")
+    return [cost.as_record() for cost in costs]
+
+
+def _compare_worlds(decisions: int) -> list[dict[str, Any]]:
+    from robosim.bench.worlds import TURNS, compare_worlds
+
+    print()
+    print(f"worlds: arena paper, traffic of `lanes`, processor time of one thread, median of {TURNS} turns")
+    print("world     robots  envs   joint/s")
+    costs = compare_worlds(decisions)
+    for cost in costs:
+        rate = cost.joint_decisions_per_second
+        print(f"{cost.world:<10}{cost.robots:6d}{cost.envs:6d}{rate:10.0f}", flush=True)
+    physics, grid = costs
+    times = grid.joint_decisions_per_second / physics.joint_decisions_per_second
+    print(f"the grid takes {times:.1f} times as many joint decisions a second")
     return [cost.as_record() for cost in costs]
 
 

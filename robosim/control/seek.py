@@ -37,6 +37,8 @@ def cells_of(env: VectorEnv) -> Integers:
 
 def blocked_ways(env: VectorEnv) -> Bools:
     """Return which of the four ways are blocked by another robot close ahead, [envs, robots, 4]."""
+    if env.world.on_cells:
+        return _taken_cells(env)
     place = env.world.state.pose[..., :2]
     width = 2.0 * env.arena.robot.outer_radius
     apart = place[:, None, :, :] - place[:, :, None, :]
@@ -52,8 +54,10 @@ def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats)
 
     `cell` is what `cells_of` returns, `cost` that of the four neighbouring cells, inf for walls. A pellet
     can be gripped when it lies ahead in the strip that the gripper sweeps on the way to the middle of the
-    neighbouring cell.
+    neighbouring cell. Where robots stand on cells, it is the pellet in the nearest cell.
     """
+    if env.world.on_cells:
+        return _toward_cells_with_pellets(env, seekers, cell, cost)
     state, sheet = env.world.state, env.arena.robot
     envs, robots = np.nonzero(seekers)
     pose = state.pose[envs, robots]
@@ -73,6 +77,32 @@ def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats)
     nearest = apart[np.arange(len(apart)), distance.argmin(axis=1)]
     # With nothing in reach, the general direction of the nearest pellet; always worse than a sure one.
     there = np.where(np.isfinite(there), there, 1e3 - np.einsum("mac,mc->ma", way, nearest))
+    changed = cost.copy()
+    changed[envs, robots] = np.where(np.isfinite(cost[envs, robots]), there, np.inf)
+    return changed
+
+
+def _taken_cells(env: VectorEnv) -> Bools:
+    """Return which of the four neighbouring cells another robot is in, [envs, robots, 4]."""
+    cell = cells_of(env)
+    around = cell[:, :, None] + CARDINAL_STEPS[:4]
+    return np.asarray((around[:, :, :, None] == cell[:, None, None]).all(axis=-1).any(axis=3))
+
+
+def _toward_cells_with_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats) -> Floats:
+    """Return costs [envs, robots, 4] that lead the seekers to the nearest cell in which pellets lie.
+
+    Of two as near, the one ahead costs less.
+    """
+    state = env.world.state
+    envs, robots = np.nonzero(seekers)
+    around = cell[envs, robots][:, None] + CARDINAL_STEPS[:4]
+    pellets = np.floor(state.pellets[envs] * (1.0 / env.arena.cell_size)).astype(np.int64) + 1
+    apart = np.abs(around[:, :, None] - pellets[:, None]).sum(axis=3).astype(np.float64)
+    loose = (state.pellet_status[envs] == PelletStatus.LOOSE)[:, None]
+    there = np.where(loose, apart, np.inf).min(axis=2, initial=1e3)
+    heading = state.pose[envs, robots, 2, None]
+    there -= 0.1 * (np.cos(heading) * CARDINAL_STEPS[:4, 0] + np.sin(heading) * CARDINAL_STEPS[:4, 1])
     changed = cost.copy()
     changed[envs, robots] = np.where(np.isfinite(cost[envs, robots]), there, np.inf)
     return changed

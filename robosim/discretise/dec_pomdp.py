@@ -96,7 +96,9 @@ class DecPomdp:
             self._notice(actions, motion, truth.collided, truth.blocked)
         else:
             seen_motion = self._motion(was_seen, self._seen)
-            self._notice(actions, seen_motion, *encounters(actions, self._percept.touched, seen_motion))
+            percept = self._percept
+            met = encounters(actions, percept.touched, percept.refused, seen_motion)
+            self._notice(actions, seen_motion, *met)
         return reward
 
     def _sense(self, state: WorldState) -> None:

@@ -29,6 +29,8 @@ class Percept(NamedTuple):
     """[envs, robots] the gripper touches a loose pellet."""
     touched: Bools
     """[3, envs, robots] touched another robot, a wall, a loose pellet in the last decision."""
+    refused: Bools
+    """[envs, robots] a move onto a cell was refused, and none has succeeded since."""
     nearest: NDArray[np.int64]
     """[envs, robots] the pellet nearest to the gripper; a loose one if there is any."""
     pellets: Floats
@@ -61,6 +63,7 @@ class ExactSensor:
             state.held >= 0,
             state.touching >= 0,
             state.touched,
+            state.refused,
             state.nearest,
             state.pellets,
             state.pellet_status,

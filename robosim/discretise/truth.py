@@ -28,16 +28,16 @@ class Motion(NamedTuple):
         return self.displaced_little & self.turned_little
 
 
-def encounters(actions: Integers, touched: Bools, motion: Motion) -> tuple[Bools, Bools]:
+def encounters(actions: Integers, touched: Bools, refused: Bools, motion: Motion) -> tuple[Bools, Bools]:
     """Return who has collided with another robot and who is blocked, both [envs, robots].
 
     Collided is who `touched` [3, envs, robots] another robot while under way; blocked is who was under way,
-    touched anything and hardly moved.
+    touched anything and hardly moved, or whose move onto a cell was `refused` [envs, robots].
     """
     under_way = actions != STOP
     other_robot, wall, pellet = touched
     collided = under_way & other_robot
-    blocked = under_way & motion.still & (other_robot | wall | pellet)
+    blocked = (under_way & motion.still & (other_robot | wall | pellet)) | refused
     return collided, blocked
 
 
@@ -66,7 +66,7 @@ class Truth:
         self, actions: Integers, state: WorldState, before: Location, now: Location, motion: Motion
     ) -> Floats:
         """Take in what `actions` [envs, robots] have led to; returns the rewards [envs, robots]."""
-        self.collided, self.blocked = encounters(actions, state.touched, motion)
+        self.collided, self.blocked = encounters(actions, state.touched, state.refused, motion)
         was_laden, self._laden = self._laden, state.held >= 0
         gained = before.distances - now.distances
         toward_goal = np.where(was_laden, gained[..., 0], gained[..., 1])

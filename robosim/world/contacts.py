@@ -34,7 +34,8 @@ class Contacts:
     position: NDArray[np.float64]
     """[n, 2] m."""
     impulse: NDArray[np.float64]
-    """[n] N s, in the last substep of the control period; over the length of a substep it gives the force."""
+    """[n] N s, in the last substep of the control period; over the length of a substep it gives the force.
+    NaN in a world that knows no forces."""
 
     def of_env(self, env: int) -> Contacts:
         """Return the contacts of one environment."""

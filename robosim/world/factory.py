@@ -27,7 +27,9 @@ def make_world(
     robots do not fit the arena. Loads the world's own libraries only now.
     """
     if kind == "grid":
-        raise NotImplementedError
+        from robosim.world.grid import GridWorld
+
+        return GridWorld(arena, robots, num_envs, actions, pellet_gradient)
     from robosim.world.physics import PhysicsWorld
 
     return PhysicsWorld(arena, robots, num_envs, actions, pellet_gradient)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena
-from robosim.world.contacts import Contacts
+from robosim.world.contacts import ContactKind, Contacts
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -75,6 +75,30 @@ class WorldState:
     """[envs] fresh pellets put into the source in the episode."""
     fresh: Bools
     """[envs, pellets] put into the source anew in the last decision."""
+    refused: Bools
+    """[envs, robots] a move was refused, and none has succeeded since; always False where bodies push."""
+
+
+def blank_state(num_envs: int, robots: int, pellets: int) -> WorldState:
+    """Return a state in which nothing has happened and nobody has a place yet."""
+    shape = (num_envs, robots)
+    return WorldState(
+        pose=np.zeros((*shape, 3)),
+        velocity=np.zeros((*shape, 3)),
+        held=np.full(shape, -1),
+        nearest=np.zeros(shape, dtype=np.int64),
+        touching=np.full(shape, -1),
+        pellets=np.zeros((num_envs, pellets, 2)),
+        pellet_status=np.zeros((num_envs, pellets), dtype=np.uint8),
+        touched=np.zeros((len(ContactKind), *shape), dtype=np.bool_),
+        picked=np.full(shape, -1),
+        lost=np.zeros(shape, dtype=np.bool_),
+        deliveries=np.zeros(shape, dtype=np.int64),
+        delivered=np.zeros(num_envs, dtype=np.int64),
+        refilled=np.zeros(num_envs, dtype=np.int64),
+        fresh=np.zeros((num_envs, pellets), dtype=np.bool_),
+        refused=np.zeros(shape, dtype=np.bool_),
+    )
 
 
 class World(Protocol):
@@ -94,8 +118,11 @@ class World(Protocol):
     """Farthest that a robot comes in a decision, m."""
     turn: float
     """Farthest that a robot turns in a decision, rad."""
+    on_cells: bool
+    """Whether robots stand in the middle of cells, one a cell, rather than anywhere as bodies."""
     wheel_energy: Floats
-    """[envs, robots] energy lost at the wheels in the episode so far, J; 0 where it is not metered."""
+    """[envs, robots] energy lost at the wheels in the episode so far, J; 0 where it is not metered, NaN in a
+    world that knows no forces."""
 
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment; everything random in it comes from its one of `seeds`."""

@@ -6,7 +6,7 @@ from robosim.arena import arena_names, load_arena
 from robosim.arena.shipped import shipped_folder
 from robosim.errors import InputError
 
-SEVEN = ["long", "paper", "robotarium", "s-bend", "single-lane", "three-wide", "two-tunnels"]
+EIGHT = ["long", "paper", "paper-grid", "robotarium", "s-bend", "single-lane", "three-wide", "two-tunnels"]
 
 
 def refusal(name_or_path: str | Path) -> str:
@@ -16,7 +16,7 @@ def refusal(name_or_path: str | Path) -> str:
 
 
 def test_seven_ship() -> None:
-    assert arena_names() == SEVEN
+    assert arena_names() == EIGHT
 
 
 def test_names_work_from_any_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,9 +32,9 @@ def test_a_path_works_where_a_name_does(tmp_path: Path) -> None:
 
 
 def test_unknown_name_offers_the_nearest() -> None:
-    assert refusal("papr") == "No arena is named 'papr': did you mean paper?"
-    assert refusal("zzz") == f"No arena is named 'zzz': known names are {', '.join(SEVEN)}."
-    assert refusal("") == f"No arena is named '': known names are {', '.join(SEVEN)}."
+    assert refusal("papr") == "No arena is named 'papr': did you mean paper or paper-grid?"
+    assert refusal("zzz") == f"No arena is named 'zzz': known names are {', '.join(EIGHT)}."
+    assert refusal("") == f"No arena is named '': known names are {', '.join(EIGHT)}."
 
 
 def test_missing_file(tmp_path: Path) -> None:

@@ -25,17 +25,24 @@ def test_prints_and_writes_both_tables_without_stable_baselines3(
 ) -> None:
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.setattr("robosim.bench.decisions.SPREAD_OUT", 1)
+    monkeypatch.setattr("robosim.bench.worlds.SPREAD_OUT", 1)
     monkeypatch.setattr("robosim.bench.decisions.REPEATS", 1)
+    monkeypatch.setattr("robosim.bench.worlds.TURNS", 1)
     monkeypatch.setattr("robosim.learning.benchmark.TRANSITIONS", 600)
     monkeypatch.setattr("robosim.learning.benchmark.TURN", 1)
     Bench(decisions=1, updates=1, json=tmp_path / "bench.json").run()
     record = json.loads((tmp_path / "bench.json").read_text())
     assert len(record["cases"]) == 12
+    assert [(cost["world"], cost["robots"], cost["envs"]) for cost in record["worlds"]] == [
+        ("physics", 8, 64), ("grid", 8, 64)
+    ]  # fmt: skip
     assert {cost["batch_size"] for cost in record["learner"]["updates"]} == {64, 512}
     assert record["learner"]["stable_baselines3"] is None
     one = record["learner"]["one_for_all"]
     assert (one["robots"], one["batch_size"]) == (1, 512)
     printed = capsys.readouterr().out
+    physics, grid = (cost["joint_decisions_per_second"] for cost in record["worlds"])
+    assert f"the grid takes {grid / physics:.1f} times as many joint decisions a second" in printed
     for cost in record["learner"]["updates"]:
         row = f"{cost['batch_size']:5d}   {cost['precision']}"
         assert any(line.startswith(row) and f"{cost['ratio']:.2f}" in line for line in printed.splitlines())

@@ -346,7 +346,7 @@ def test_as_many_robots_as_fit_and_one_alone_both_run() -> None:
         ({"sharing": "equal"}, 'reward.sharing is "equal", but must be "copied" or "split".'),
         ({"stigmergy": "yes"}, 'stigmergy is "yes", but must be true or false.'),
         ({"autoreset": 1}, "autoreset is 1, but must be true or false."),
-        ({"arena": "papr"}, "No arena is named 'papr': did you mean paper?"),
+        ({"arena": "papr"}, "No arena is named 'papr': did you mean paper or paper-grid?"),
     ],
 )
 def test_a_wrong_option_is_one_sentence(options: dict[str, Any], sentence: str) -> None:

@@ -6,8 +6,6 @@ it; a Space that is reset in place does not repeat itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pymunk
 from numpy.typing import NDArray
@@ -15,6 +13,7 @@ from pymunk import batch
 
 from robosim.arena.model import Arena
 from robosim.robot.sheet import GRAVITY, RobotSheet
+from robosim.world.draws import Draws
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -55,24 +54,6 @@ ARBITER_FIELDS = (
 ARBITER_FLOATS = 4
 ARBITER_INT_BYTES = 2 * np.dtype(np.uintp).itemsize
 COMMAND_FIELDS = batch.BodyFields.VELOCITY | batch.BodyFields.ANGULAR_VELOCITY
-
-
-@dataclass(frozen=True, slots=True)
-class Draws:
-    """What an episode draws at random: starting poses, places of pellets, and factors of the data sheet."""
-
-    robot_pose: Floats
-    """[robots, 3]."""
-    pellet_place: Floats
-    """[pellets, 2] m."""
-    robot_mass: Floats
-    """[robots] factors."""
-    traction: Floats
-    """[robots] factors."""
-    pellet_mass: Floats
-    """[pellets] factors."""
-    pellet_friction: Floats
-    """[pellets] factors."""
 
 
 class EpisodeSpace:

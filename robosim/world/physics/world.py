@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.arena.model import Arena, Randomisation, Zone
+from robosim.arena.model import Arena, Zone
 from robosim.errors import refused
 from robosim.robot.drivers import ActionKind, make_driver
 from robosim.robot.kinematics import body_twist, slew, wrap_angle
-from robosim.world.contacts import ContactKind, no_contacts
+from robosim.world.contacts import no_contacts
+from robosim.world.draws import draw_episode
 from robosim.world.physics.contacts import ContactLog, lasting, mark_touched, touching_pellets
-from robosim.world.physics.space import Draws, EpisodeSpace
-from robosim.world.state import ABSENT, HELD, LOOSE, Gripper, WorldState
+from robosim.world.physics.space import EpisodeSpace
+from robosim.world.state import ABSENT, HELD, LOOSE, Gripper, blank_state
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -37,7 +38,7 @@ class PhysicsWorld:
     def __init__(
         self, arena: Arena, robots: int, num_envs: int, actions: ActionKind, pellet_gradient: float = 0.0
     ) -> None:
-        """`pellet_gradient` is explained in `draw_pellets`."""
+        """`pellet_gradient` is explained in `robosim.world.draws.draw_pellets`."""
         if robots > arena.capacity:
             room = f"a whole number from 1 to {arena.capacity}, the room in arena {arena.name!r}"
             raise refused("robots", robots, room)
@@ -62,24 +63,10 @@ class PhysicsWorld:
         self._home = (arena.zones == Zone.HOME).ravel()
         shape = (num_envs, robots)
         pellets = arena.pellets.count
-        self.state = WorldState(
-            pose=np.zeros((*shape, 3)),
-            velocity=np.zeros((*shape, 3)),
-            held=np.full(shape, -1),
-            nearest=np.zeros(shape, dtype=np.int64),
-            touching=np.full(shape, -1),
-            pellets=np.zeros((num_envs, pellets, 2)),
-            pellet_status=np.zeros((num_envs, pellets), dtype=np.uint8),
-            touched=np.zeros((len(ContactKind), *shape), dtype=np.bool_),
-            picked=np.full(shape, -1),
-            lost=np.zeros(shape, dtype=np.bool_),
-            deliveries=np.zeros(shape, dtype=np.int64),
-            delivered=np.zeros(num_envs, dtype=np.int64),
-            refilled=np.zeros(num_envs, dtype=np.int64),
-            fresh=np.zeros((num_envs, pellets), dtype=np.bool_),
-        )
+        self.state = blank_state(num_envs, robots, pellets)
         self.contacts = no_contacts()
         self.travel = sheet.top_speed * timing.decision_period
+        self.on_cells = False
         self.turn = sheet.top_turn_rate * timing.decision_period
         self.wheel_speeds: Floats = np.zeros((*shape, 2))
         """[envs, robots, 2] wheel speeds held in the last control period, rad/s."""
@@ -381,47 +368,3 @@ class PhysicsWorld:
 def _joined(parts: list[NDArray[Any]]) -> NDArray[Any]:
     """Return the parts one after another; a single one as it is."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-
-def draw_pellets(arena: Arena, rng: np.random.Generator, gradient: float) -> Floats:
-    """Draw the places [count, 2] in m where pellets lie as an episode begins.
-
-    With `gradient` 0 all places are alike. Otherwise they lie more densely toward one side of the source,
-    as they do once robots have dug for long: by a factor e ** strength from side to side, in a direction
-    and of a strength up to `gradient` that are drawn first.
-    """
-    places, count = arena.pellet_places, arena.pellets.count
-    if gradient == 0.0:
-        order = rng.permutation(len(places))
-    else:
-        angle, strength = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.0, gradient)
-        low, span = places.min(axis=0), np.maximum(np.ptp(places, axis=0), arena.cell_size)
-        along = ((places - low) / span) @ np.array([np.cos(angle), np.sin(angle)])
-        # Whoever's exponential waiting time is over first is drawn first: in proportion to the density.
-        order = np.argsort(rng.exponential(size=len(places)) * np.exp(-strength * along), kind="stable")
-    return np.asarray(places[np.sort(order[:count])])
-
-
-def draw_episode(
-    arena: Arena, robots: int, rng: np.random.Generator, pellet_gradient: float = 0.0
-) -> tuple[Draws, Floats]:
-    """Draw what is random in an episode; also returns the factors of the robots' top wheel speed [robots]."""
-    if arena.start.poses:
-        pose = np.array(arena.start.poses[:robots])
-        pose[:, 2] = wrap_angle(pose[:, 2])
-    else:
-        chosen = rng.permutation(len(arena.start_places))[:robots]
-        heading = rng.uniform(-np.pi, np.pi, robots)
-        pose = np.concatenate([arena.start_places[chosen], heading[:, None]], axis=1)
-    count = arena.pellets.count
-    places = draw_pellets(arena, rng, pellet_gradient)
-    ranges: Randomisation = arena.randomisation
-    draws = Draws(
-        robot_pose=pose,
-        pellet_place=places,
-        robot_mass=rng.uniform(*ranges.robot_mass, robots),
-        traction=rng.uniform(*ranges.traction, robots),
-        pellet_mass=rng.uniform(*ranges.pellet_mass, count),
-        pellet_friction=rng.uniform(*ranges.pellet_friction, count),
-    )
-    return draws, rng.uniform(*ranges.wheel_speed, robots)

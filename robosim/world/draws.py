@@ -1,0 +1,79 @@
+"""What an episode draws at random: starts, places of pellets, factors of the data sheet; for every world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.arena.model import Arena, Randomisation
+from robosim.robot.kinematics import wrap_angle
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """What an episode draws at random: starting poses, places of pellets, and factors of the data sheet."""
+
+    robot_pose: Floats
+    """[robots, 3]."""
+    pellet_spot: Integers
+    """[pellets] row of `arena.pellet_places`."""
+    pellet_place: Floats
+    """[pellets, 2] m."""
+    robot_mass: Floats
+    """[robots] factors."""
+    traction: Floats
+    """[robots] factors."""
+    pellet_mass: Floats
+    """[pellets] factors."""
+    pellet_friction: Floats
+    """[pellets] factors."""
+
+
+def draw_pellets(arena: Arena, rng: np.random.Generator, gradient: float) -> Integers:
+    """Draw the places where pellets lie as an episode begins, as rows [count] of `arena.pellet_places`.
+
+    With `gradient` 0 all places are alike. Otherwise they lie more densely toward one side of the source,
+    as they do once robots have dug for long: by a factor e ** strength from side to side, in a direction
+    and of a strength up to `gradient` that are drawn first.
+    """
+    places, count = arena.pellet_places, arena.pellets.count
+    if gradient == 0.0:
+        order = rng.permutation(len(places))
+    else:
+        angle, strength = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.0, gradient)
+        low, span = places.min(axis=0), np.maximum(np.ptp(places, axis=0), arena.cell_size)
+        along = ((places - low) / span) @ np.array([np.cos(angle), np.sin(angle)])
+        # Whoever's exponential waiting time is over first is drawn first: in proportion to the density.
+        order = np.argsort(rng.exponential(size=len(places)) * np.exp(-strength * along), kind="stable")
+    return np.sort(order[:count])
+
+
+def draw_episode(
+    arena: Arena, robots: int, rng: np.random.Generator, pellet_gradient: float = 0.0
+) -> tuple[Draws, Floats]:
+    """Draw what is random in an episode; also returns the factors of the robots' top wheel speed [robots]."""
+    if arena.start.poses:
+        pose = np.array(arena.start.poses[:robots])
+        pose[:, 2] = wrap_angle(pose[:, 2])
+    else:
+        chosen = rng.permutation(len(arena.start_places))[:robots]
+        heading = rng.uniform(-np.pi, np.pi, robots)
+        pose = np.concatenate([arena.start_places[chosen], heading[:, None]], axis=1)
+    count = arena.pellets.count
+    spots = draw_pellets(arena, rng, pellet_gradient)
+    ranges: Randomisation = arena.randomisation
+    draws = Draws(
+        robot_pose=pose,
+        pellet_spot=spots,
+        pellet_place=arena.pellet_places[spots],
+        robot_mass=rng.uniform(*ranges.robot_mass, robots),
+        traction=rng.uniform(*ranges.traction, robots),
+        pellet_mass=rng.uniform(*ranges.pellet_mass, count),
+        pellet_friction=rng.uniform(*ranges.pellet_friction, count),
+    )
+    return draws, rng.uniform(*ranges.wheel_speed, robots)
