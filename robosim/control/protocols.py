@@ -26,11 +26,14 @@ from robosim.control.seek import (
 )
 from robosim.envs.vector import VectorEnv
 from robosim.robot.drivers import CARDINAL_STEPS, STOP
+from robosim.world.contacts import ContactKind
 
 WEDGED = 8
 """Decisions in one place, held by walls and pellets alone, after which a robot frees itself; ours."""
 FREEING = 4
 """Decisions that it takes for that; ours."""
+SLIP = 0.5
+"""Where robots stand on cells, the probability to try a side at which a robot ahead might be passed; ours."""
 GIVE_UP = 0.34
 """Probability to give up each time that the time for the way runs out, from the cellular automaton."""
 SLACK = 1.5
@@ -51,6 +54,9 @@ class ActiveController:
     A robot that is wedged between walls and pellets, and touches no other, tries another way for a while,
     drawn at random. That clears no traffic, but without it a long robot on its own ends its work at
     the mouth of a tunnel.
+
+    Round robots that press on each other slip past where there is room. Where they stand on cells, that takes
+    a step aside, which a robot tries by chance as long as another refuses its move.
     """
 
     name = "active"
@@ -102,6 +108,8 @@ class ActiveController:
 
     def _freed(self, env: VectorEnv, possible: Bools, action: Integers) -> Integers:
         """Return the actions, those of robots that free themselves changed; `possible` ways are no walls."""
+        if env.world.on_cells:
+            return self._slipping(env, possible, action)
         robot, wall, pellet = env.world.state.touched
         wedged = (env.dec_pomdp.in_place > WEDGED) & (wall | pellet) & ~robot
         wedged &= (action != STOP) & (self._freeing == 0)
@@ -113,6 +121,16 @@ class ActiveController:
         action = np.where(self._freeing > 0, self._escape, action)
         self._freeing = np.maximum(self._freeing - 1, 0)
         return action
+
+    def _slipping(self, env: VectorEnv, possible: Bools, action: Integers) -> Integers:
+        """Return the actions, those of robots that try to get past another one changed to a side."""
+        refused = env.world.state.touched[ContactKind.ROBOT_ROBOT] & (action != STOP)
+        if not refused.any():
+            return action
+        # North and south are at the sides of west and east.
+        sideways = possible & (np.arange(4) // 2 != action[..., None] // 2)
+        drawn = np.where(sideways, self._draw(refused, 4), 1.0)
+        return np.where(refused & (drawn.min(axis=2) < SLIP), drawn.argmin(axis=2), action)
 
     def _draw(self, needed: Bools, *size: int) -> Floats:
         """Return numbers from [0, 1), [envs, robots, *size], drawn where an environment needs any."""

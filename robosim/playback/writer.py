@@ -180,7 +180,7 @@ class FrameWriter:
 
     def _write_contacts(self, frames: FrameColumns) -> None:
         # Bodies that only just touch pass nothing on: there is nothing to see.
-        felt = frames.contact_impulse[: frames.contacts] > 0.0
+        felt = ~(frames.contact_impulse[: frames.contacts] <= 0.0)
         count = np.bincount(frames.row_of_contact()[felt], minlength=frames.rows)
         touching = count > 0
         # A row with nothing in it takes the last contacts away once they are over.
@@ -190,7 +190,8 @@ class FrameWriter:
         if len(rows) == 0:
             return
         impulse = frames.contact_impulse[: frames.contacts][felt]
-        size = np.sqrt(np.minimum(impulse / self._stopping_impulse, 4.0))
+        # In a world without forces every contact is drawn alike, as one that stops a robot.
+        size = np.sqrt(np.minimum(np.nan_to_num(impulse / self._stopping_impulse, nan=1.0), 4.0))
         columns = [
             *rr.Points2D.columns(
                 positions=frames.contact_position[: frames.contacts][felt].astype(np.float32),
@@ -203,7 +204,7 @@ class FrameWriter:
 
     def _write_collision_log(self, frames: FrameColumns) -> None:
         impulse = frames.contact_impulse[: frames.contacts]
-        hard = (impulse >= HARD * self._stopping_impulse) & (
+        hard = ~(impulse < HARD * self._stopping_impulse) & (
             frames.contact_kind[: frames.contacts] == ContactKind.ROBOT_ROBOT
         )
         events = np.flatnonzero(hard)
@@ -213,7 +214,7 @@ class FrameWriter:
         if len(new) == 0:
             return
         text = [
-            f"{a} and {b} hit each other, {strength:.3f} N s"
+            f"{a} and {b} hit each other" + ("" if np.isnan(strength) else f", {strength:.3f} N s")
             for (a, b), strength in zip(frames.contact_pair[new].tolist(), impulse[new].tolist(), strict=True)
         ]
         columns = rr.TextLog.columns(text=text, level=["WARN"] * len(text))

@@ -38,6 +38,8 @@ NO_TRIPS = NotDefined("no trips")
 NO_TIME = NotDefined("no decisions were taken")
 NO_TUNNEL = NotDefined("the arena has no tunnel")
 NEVER_IN_TUNNEL = NotDefined("no robot was in a tunnel")
+NO_FORCES = NotDefined("the grid world knows no forces")
+NO_PUSHING = NotDefined("in the grid world pellets block nobody")
 ONE_ROBOT = NotDefined("one robot has nobody to share with")
 
 
@@ -143,6 +145,8 @@ def contacts_per_trip(kind: ContactKind) -> Callable[[Episode], MetricValue]:
     }[kind]
 
     def touches(episode: Episode) -> MetricValue:
+        if kind == ContactKind.ROBOT_PELLET and _without_forces(episode):
+            return NO_PUSHING
         return _share(_sum(episode.totals.contacts[:, kind]), len(episode.trips), NO_TRIPS)
 
     touches.__doc__ = (
@@ -157,6 +161,8 @@ def impulse_per_trip(episode: Episode) -> MetricValue:
 
     The solver's impulse of the last substep of a control period stands for all of its substeps.
     """
+    if _without_forces(episode):
+        return NO_FORCES
     return _share(_sum(episode.totals.impulse), len(episode.trips), NO_TRIPS)
 
 
@@ -177,6 +183,8 @@ def energy_per_pellet(episode: Episode) -> MetricValue:
 
     Force times slip distance, under Coulomb's law; what is passed on by pushing is not in it.
     """
+    if _without_forces(episode):
+        return NO_FORCES
     delivered = _sum(episode.totals.delivered)
     return _share(_sum(episode.totals.energy), delivered, NotDefined("no pellets were delivered"))
 
@@ -360,6 +368,11 @@ def _sum(values: NDArray[np.floating] | NDArray[np.integer]) -> float:
 
 def _share(part: float, whole: float, otherwise: NotDefined) -> MetricValue:
     return otherwise if whole == 0 else float(part) / float(whole)
+
+
+def _without_forces(episode: Episode) -> bool:
+    """Return whether the episode ran in a world that knows no forces: its energies are NaN."""
+    return bool(np.isnan(episode.totals.energy).any())
 
 
 def _no_visit(episode: Episode) -> NotDefined:

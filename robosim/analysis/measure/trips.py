@@ -98,6 +98,8 @@ class TripLog:
             return
         gained[..., _ENERGY] = np.diff(frames.energy[:rows], axis=0, prepend=self._energy_before[None])
         self._energy_before = frames.energy[rows - 1].copy()
+        # A world that knows no forces has no energy to lose, and passes on no impulse, not one of 0.
+        np.copyto(gained[..., _IMPULSE], np.nan, where=np.isnan(gained[..., _ENERGY]))
         # One addition after another from the first decision on: how rows are cut into chunks changes no bit.
         gained[first] += self._sums
         sums = np.cumsum(gained[first:], axis=0)

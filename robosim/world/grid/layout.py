@@ -47,7 +47,7 @@ def grid_arena(arena: Arena) -> Arena:
         start=Start(arena.start.zone, poses),
         start_places=starts,
         capacity=len(starts),
-        pellet_places=_inside_source(arena),
+        pellet_places=_frozen(_inside(arena, arena.pellet_places, Zone.SOURCE)),
     )
 
 
@@ -66,28 +66,32 @@ def middles(arena: Arena) -> Floats:
 
 def _starts(arena: Arena) -> tuple[Floats, tuple[tuple[float, float, float], ...]]:
     """Return the middles of the cells where robots can start, and the given poses moved there."""
-    cells = cells_at(arena, arena.start_places)
+    start = arena.start
+    places = arena.start_places if start.poses else _inside(arena, arena.start_places, start.zone)
+    cells = cells_at(arena, places)
     _, first = np.unique(cells, return_index=True)
     # Of several in one cell the first one counts; the order stays.
     kept = np.sort(first)
-    starts = middles(arena)[cells[kept]]
-    starts.setflags(write=False)
-    if not arena.start.poses:
+    starts = _frozen(middles(arena)[cells[kept]])
+    if not start.poses:
         return starts, ()
-    headings = [arena.start.poses[index][2] for index in kept.tolist()]
+    headings = [start.poses[index][2] for index in kept.tolist()]
     return starts, tuple((x, y, turn) for (x, y), turn in zip(starts.tolist(), headings, strict=True))
 
 
-def _inside_source(arena: Arena) -> Floats:
-    """Return the places of pellets, those on the border between the source and another zone moved inside."""
-    places = arena.pellet_places.copy()
-    source = (arena.zones == Zone.SOURCE).ravel()
+def _inside(arena: Arena, places: Floats, zone: Zone) -> Floats:
+    """Return places of a zone, those on its border with another one moved inside."""
+    inside = (arena.zones == zone).ravel()
+    moved = places.copy()
     nudge = INSIDE * arena.cell_size
     for x in (0.0, -nudge, nudge):
         for y in (0.0, -nudge, nudge):
-            outside = ~source[cells_at(arena, places)]
-            moved = arena.pellet_places + np.array([x, y])
-            helps = outside & source[cells_at(arena, moved)]
-            places[helps] = moved[helps]
+            near = places + np.array([x, y])
+            helps = ~inside[cells_at(arena, moved)] & inside[cells_at(arena, near)]
+            moved[helps] = near[helps]
+    return moved
+
+
+def _frozen(places: Floats) -> Floats:
     places.setflags(write=False)
     return places
