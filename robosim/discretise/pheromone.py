@@ -65,7 +65,6 @@ class PheromoneMap:
         side = np.arange(-config.radius, config.radius + 1)
         steps = np.array([(column, row) for row in side[::-1] for column in side], dtype=np.int64)
         self._patch = grid.flat_steps(steps)
-        self._channel_patch = np.arange(len(CHANNELS))[:, None] * grid.size + self._patch
         self._first_cell = len(CHANNELS) * grid.size * np.arange(num_envs)[:, None]
         self._fade_scale = 1.0 / config.saturation
 
@@ -122,9 +121,11 @@ class PheromoneMap:
         Channel by channel, each from the north-west to the south-east. Occupancy is given relative
         to its saturation, at most 1; the marks fade with it. What lies outside reads 0.
         """
-        start = cell + self._first_cell
-        patch = self._flat.take(start[..., None, None] + self._channel_patch)
-        strength = np.minimum(patch[:, :, 0] * self._fade_scale, 1.0)
-        patch[:, :, 1:] *= strength[:, :, None]
-        patch[:, :, 0] = strength
-        out[...] = patch.reshape(out.shape)
+        at = (cell + self._first_cell)[..., None] + self._patch
+        strength = np.minimum(self._flat.take(at) * self._fade_scale, 1.0)
+        size = len(self._patch)
+        out[..., :size] = strength
+        for channel in range(1, len(CHANNELS)):
+            at += self._grid.size
+            part = out[..., channel * size : (channel + 1) * size]
+            np.multiply(self._flat.take(at), strength, out=part, casting="same_kind")

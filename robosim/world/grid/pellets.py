@@ -28,7 +28,7 @@ class PelletStore:
         self._places = arena.pellet_places
         self._cell_of_place = cells_at(arena, arena.pellet_places)
         self._home = (arena.zones == Zone.HOME).ravel()
-        cells = arena.zones.size
+        self._cells = cells = arena.zones.size
         self._first_cell = cells * np.arange(envs)[:, None]
         # A place taken as far away as can be is never the nearest one.
         self._x = np.full((envs, 1, count), np.inf)
@@ -83,8 +83,9 @@ class PelletStore:
         for turn in range(int(left.max(initial=0))):
             env = np.flatnonzero(left > turn)
             # Nobody finds a pellet under its wheels: a cell that a robot is in stays as it is.
-            crowded = (self._cell_of_place[None, None] == cell[env][:, :, None]).any(axis=1)
-            rank = np.cumsum(self._open[env] & ~crowded, axis=1)
+            vacant = np.ones((len(env), self._cells), dtype=np.bool_)
+            vacant[np.arange(len(env))[:, None], cell[env]] = False
+            rank = np.cumsum(self._open[env] & vacant.take(self._cell_of_place, axis=1), axis=1)
             room = rank[:, -1] > 0
             env, rank = env[room], rank[room]
             if not len(env):
