@@ -1,15 +1,20 @@
 """Recordings read back and compared with the frames they were made of."""
 
+import re
+
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 from rerun.components import AggregationPolicy, InterpolationMode
 
 from robosim.arena import load_arena
+from robosim.control.controller import make_controller
 from robosim.discretise.modes import Mode
+from robosim.envs.vector import VectorEnv
 from robosim.episodes.columns import PHEROMONE_STEPS, ROWS
 from robosim.episodes.frame import Frame
 from robosim.playback import palette, recording
+from robosim.playback.episode import record_episode
 from robosim.playback.scene import level_of_occupancy, occupancy_of_level
 from robosim.playback.writer import (
     HARD,
@@ -313,6 +318,19 @@ def test_hard_contacts_of_robots_have_lines_at_their_time_unless_one_was_just_wr
     ]
     assert sorted(found) == sorted(expected)
     assert len(expected) > 10
+
+
+def test_contacts_of_a_world_without_forces_are_drawn_alike_and_written_without_an_impulse(tmp_path):
+    env = VectorEnv("paper", robots=6, world="grid", episode_steps=200, autoreset=False)
+    record_episode(make_controller("active"), env, tmp_path / "grid.rrd")
+    rows = Reading(tmp_path / "grid.rrd").rows
+    radii = [radius for drawn in rows["/arena/contacts"]["Points2D:radii"] for radius in drawn or []]
+    lines = [text[0] for text in rows["/log/collisions"]["TextLog:text"]]
+    assert len(radii) > 20
+    assert len(set(radii)) == 1
+    assert np.isfinite(radii[0])
+    assert len(lines) > 5
+    assert all(re.fullmatch(r"\d and \d hit each other", line) for line in lines)
 
 
 def test_a_second_episode_is_refused_and_leaves_no_file(tmp_path, arena, frames):

@@ -39,7 +39,7 @@ class Outcome:
     """Was refused by a robot: the one that is in the wanted cell now."""
 
 
-class Floor:
+class Crowd:
     """Which robot is in which cell of which environment, and who may move."""
 
     def __init__(self, free: Bools, num_envs: int, robots: int) -> None:

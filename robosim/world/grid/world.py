@@ -25,7 +25,7 @@ from robosim.errors import InputError
 from robosim.robot.drivers import CARDINAL_STEPS, NUM_ACTIONS, ActionKind
 from robosim.world.contacts import ContactKind, Contacts, no_contacts
 from robosim.world.draws import draw_episode
-from robosim.world.grid.conflicts import Floor, Outcome
+from robosim.world.grid.conflicts import Crowd, Outcome
 from robosim.world.grid.layout import cells_at, grid_arena, middles
 from robosim.world.grid.lots import Lots
 from robosim.world.grid.pellets import PelletStore
@@ -85,7 +85,7 @@ class GridWorld:
         self._cell = np.zeros(shape, dtype=np.int64)
         self._heading = np.zeros(shape, dtype=np.int64)
         self._nose = np.zeros((*shape, 2))
-        self._floor = Floor((arena.zones != Zone.WALL).ravel(), num_envs, robots)
+        self._crowd = Crowd((arena.zones != Zone.WALL).ravel(), num_envs, robots)
         self._pellets = PelletStore(self.arena, self.state)
         self._lots = Lots(robots)
         self._decisions = 0
@@ -106,7 +106,7 @@ class GridWorld:
             spots[env] = draws.pellet_spot
         self._lots.reset(rngs)
         self._decisions = 0
-        self._floor.place(self._cell)
+        self._crowd.place(self._cell)
         for nothing in (state.held, state.touching, state.picked):
             nothing.fill(-1)
         for cleared in (
@@ -125,8 +125,8 @@ class GridWorld:
         order, chance = self._lots.draw()
         choice = self._heading * NUM_ACTIONS + actions
         target = self._cell + self._step_of.take(choice)
-        outcome = self._floor.move(self._cell, target, order)
-        self._tell_contacts(target, outcome)
+        outcome = self._crowd.move(self._cell, target, order)
+        self._list_contacts(target, outcome)
         refused = outcome.walled | outcome.met
         heading = np.where(refused, self._heading, self._heading_after.take(choice))
         np.take(self._turn_rate, heading * QUARTERS + self._heading, out=self.state.velocity[..., 2])
@@ -146,9 +146,9 @@ class GridWorld:
         np.take(self._poses, key, axis=0, out=self.state.pose)
         np.take(self._noses, key, axis=0, out=self._nose)
 
-    def _tell_contacts(self, target: Integers, outcome: Outcome) -> None:
+    def _list_contacts(self, target: Integers, outcome: Outcome) -> None:
         """List the refused moves, on the border between the two cells, and mark whose they were."""
-        state, floor = self.state, self._floor
+        state, crowd = self.state, self._crowd
         state.touched[ContactKind.ROBOT_ROBOT] = outcome.met
         state.touched[ContactKind.ROBOT_WALL] = outcome.walled
         env, robot = np.nonzero(outcome.met | outcome.walled)
@@ -157,11 +157,11 @@ class GridWorld:
             return
         met = outcome.met[env, robot]
         wanted, cell = target[env, robot], self._cell[env, robot]
-        other = np.where(met, floor.occupant(env, wanted), -1)
-        # Two that wanted to exchange their cells have one contact, told by the lower one.
+        other = np.where(met, crowd.occupant(env, wanted), -1)
+        # Two that wanted to exchange their cells have one contact, listed once.
         back = met & (target[env, other] == cell) & outcome.met[env, other]
-        told = ~(back & (other < robot))
-        env, robot, other, met = env[told], robot[told], other[told], met[told]
+        listed = ~(back & (other < robot))
+        env, robot, other, met = env[listed], robot[listed], other[listed], met[listed]
         count = len(env)
         self.contacts = Contacts(
             env=env,
@@ -169,7 +169,7 @@ class GridWorld:
             kind=np.where(met, ContactKind.ROBOT_ROBOT, ContactKind.ROBOT_WALL).astype(np.uint8),
             a=np.where(met, np.minimum(robot, other), robot),
             b=np.where(met, np.maximum(robot, other), -1),
-            position=0.5 * (self._centre[wanted[told]] + self._centre[cell[told]]),
+            position=0.5 * (self._centre[wanted[listed]] + self._centre[cell[listed]]),
             impulse=np.full(count, np.nan),
         )
 

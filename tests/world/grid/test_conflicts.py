@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from robosim.world.grid.conflicts import Floor
+from robosim.world.grid.conflicts import Crowd
 from tests.world.grid.plain import settled
 from tests.world.grid.rooms import EAST, NORTH, SOUTH, STOP, WEST, Bench, room
 
@@ -39,9 +39,9 @@ def move(crowd):
     cells, targets, order, free = crowd
     mask = np.zeros(COLUMNS * ROWS, dtype=np.bool_)
     mask[flat(sorted(free))[0]] = True
-    floor = Floor(mask, 1, len(cells))
-    floor.place(flat(cells))
-    return floor.move(flat(cells), flat(targets), np.array([order]))
+    team = Crowd(mask, 1, len(cells))
+    team.place(flat(cells))
+    return team.move(flat(cells), flat(targets), np.array([order]))
 
 
 @given(crowds())
@@ -111,10 +111,10 @@ def test_environments_are_settled_side_by_side_as_they_are_alone(crowds_of_all) 
         cut.append(([cells[r] for r in kept], [targets[r] for r in kept], [kept.index(r) for r in ranks]))
     mask = np.zeros(COLUMNS * ROWS, dtype=np.bool_)
     mask[flat(sorted(free))[0]] = True
-    floor = Floor(mask, len(cut), robots)
+    team = Crowd(mask, len(cut), robots)
     cells, targets = (np.concatenate([flat(one[part]) for one in cut]) for part in (0, 1))
-    floor.place(cells)
-    together = floor.move(cells, targets, np.array([one[2] for one in cut]))
+    team.place(cells)
+    together = team.move(cells, targets, np.array([one[2] for one in cut]))
     for env, one in enumerate(cut):
         assert_array_equal(together.moved[env], move((*one, free)).moved[0])
 
