@@ -36,18 +36,26 @@ def bits(env: VectorEnv, index: int = 0) -> list[bytes]:
 
 
 @pytest.mark.parametrize(
-    ("text", "robots", "kind"),
+    ("text", "robots", "kind", "world"),
     [
-        (load_arena("paper").text, 8, "cardinal"),
-        (load_arena("three-wide").text, 6, "cardinal"),
-        (VARIED, 4, "cardinal"),
-        (load_arena("single-lane").text, 3, "wheels"),
+        (load_arena("paper").text, 8, "cardinal", "physics"),
+        (load_arena("three-wide").text, 6, "cardinal", "physics"),
+        (VARIED, 4, "cardinal", "physics"),
+        (load_arena("single-lane").text, 3, "wheels", "physics"),
+        (load_arena("paper").text, 8, "cardinal", "grid"),
+        (load_arena("single-lane").text, 3, "wheels", "grid"),
     ],
 )
-def test_a_saved_trajectory_runs_again_to_the_last_bit(tmp_path: Path, text, robots, kind) -> None:
+def test_a_saved_trajectory_runs_again_to_the_last_bit(tmp_path: Path, text, robots, kind, world) -> None:
     """The second episode of the second of three environments, from a file, in an environment of its own."""
     env = VectorEnv(
-        parse_arena(text, "x"), robots=robots, num_envs=3, seed=5, actions=kind, episode_steps=400
+        parse_arena(text, "x"),
+        robots=robots,
+        num_envs=3,
+        seed=5,
+        actions=kind,
+        world=world,
+        episode_steps=400,
     )
     env.reset()
     observation = env.reset()

@@ -7,7 +7,7 @@ or a wall refused it, and whether it chooses Stop meanwhile. Only the robot whos
 touched the other; the contact lists both. Who is refused is in `robosim.world.grid.conflicts`.
 
 A pellet is a point in a cell. The robot that is in that cell touches it and can take it, at the end of a
-decision, when all moves are done. Pellets are in nobody's way, and none is ever torn loose.
+decision, when all moves are done. Pellets block nobody, and none is ever torn loose.
 
 There are no forces: impulses and the energy at the wheels are NaN, and masses, friction, traction, differing
 top speeds and how far a gripper reaches mean nothing here.

@@ -179,7 +179,7 @@ def test_active_robots_that_meet_where_nobody_can_pass_stand_there_for_good() ->
     for _ in range(200):
         observation = env.step(team.act(env, observation)).observation
     assert env.dec_pomdp.in_place[0].min() > 100
-    assert env.dec_pomdp.blocked.all()
+    assert env.dec_pomdp.truth.blocked.all()
 
 
 @pytest.mark.parametrize("name", policy_names())
@@ -214,7 +214,7 @@ def test_figures_of_forces_are_not_defined_and_all_others_are() -> None:
         forces = "the grid world knows no forces"
         assert reasons["impulse between robots per trip"] == forces
         assert reasons["wheel energy per pellet"] == forces
-        assert reasons["touches of pellets per trip"] == "in the grid world pellets are in nobody's way"
+        assert reasons["touches of pellets per trip"] == "in the grid world pellets block nobody"
         assert np.isnan([trip.impulse for trip in monitor.episodes[0].trips]).all()
         assert "touches of robots per trip" not in reasons
 
@@ -243,5 +243,5 @@ def test_two_that_stand_head_on_in_a_tunnel_are_a_clog() -> None:
 
 
 def test_a_world_that_nobody_knows_is_one_sentence() -> None:
-    with pytest.raises(InputError, match="^world: 'gird' is not allowed; allowed are physics, grid.$"):
+    with pytest.raises(InputError, match='^world is "gird", but must be "physics" or "grid".$'):
         VectorEnv("paper", robots=1, world="gird")  # type: ignore[arg-type]
