@@ -1,0 +1,237 @@
+"""The networks of a policy: what they are (`NetworkSpec`), and the one numpy code that runs them all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from robosim.discretise.observation import blocked_moves
+from robosim.errors import InputError, shown
+from robosim.records import Many, Record
+from robosim.robot.drivers import NUM_ACTIONS
+
+LEAST_SQUARE = 1e-5
+"""Added to the mean square by which hidden layers are normalised."""
+MOST_OUTPUTS = 1_000_000
+"""Of a network with joint action values: five actions of eight robots have 390,625 combinations."""
+
+Floats = NDArray[np.float32]
+Weights = Mapping[str, NDArray[np.floating]]
+"""`layer0.weight` [networks, in, out], `layer0.bias` [networks, out], `layer1.weight` and so on."""
+
+_DTYPES = (np.dtype("<f4"), np.dtype("<f2"))
+
+
+class NetworkSpec(Record):
+    """What the networks of a team compute, and which of them each robot runs."""
+
+    input: Literal["own", "team"] = "own"
+    """What goes in: a robot's own observation, or those of all robots one after another."""
+    inputs: int = Field(ge=1, le=100_000)
+    """Numbers that go in."""
+    hidden: Many[Annotated[int, Field(ge=1, le=4096)]] = Field(
+        default=(128, 128, 128), min_length=1, max_length=8
+    )
+    """Widths of the hidden layers."""
+    activation: Literal["relu", "tanh"] = "relu"
+    """Of the hidden layers."""
+    normalisation: Literal["none", "rms"] = "none"
+    """`rms`: a hidden layer is divided by its root mean square, after the activation (Zhang 2019)."""
+    mask: bool = False
+    """Blocked moves are not chosen (`robosim.discretise.observation.blocked_moves`)."""
+    output: Literal["action values", "logits", "joint action values"] = "action values"
+    """What comes out, of which the largest is chosen: a number for each action of a robot, or one for each
+    combination of the actions of all robots. Combination c is written in digits to base `actions`, robot 0's
+    action first: c = (a_0 * actions + a_1) * actions + a_2 and so on."""
+    actions: int = Field(default=NUM_ACTIONS, ge=2, le=100)
+    """Of a robot."""
+    of_robot: Many[Annotated[int, Field(ge=0, le=999)]] = Field(min_length=1, max_length=1000)
+    """[robots] which of the stored networks each robot runs."""
+    precision: Literal["float32", "float16"] = "float32"
+    """Of the weights as stored; they are computed with in float32."""
+
+    @property
+    def robots(self) -> int:
+        """Robots in the team that learned."""
+        return len(self.of_robot)
+
+    @property
+    def networks(self) -> int:
+        """Networks that are stored."""
+        return max(self.of_robot) + 1
+
+    @property
+    def joint(self) -> bool:
+        """Whether one network chooses for all robots."""
+        return self.output == "joint action values"
+
+    @property
+    def shared(self) -> bool:
+        """Whether each robot runs the same network by itself; it then drives a team of any size."""
+        return self.networks == 1 and self.input == "own"
+
+    @property
+    def observation(self) -> int:
+        """Numbers in a robot's observation."""
+        return self.inputs // self.robots if self.input == "team" else self.inputs
+
+    @property
+    def outputs(self) -> int:
+        """Numbers that a network puts out."""
+        return int(self.actions**self.robots) if self.joint else self.actions
+
+    @property
+    def layers(self) -> tuple[tuple[int, int], ...]:
+        """(inputs, outputs) of each layer of a network."""
+        return tuple(pairwise((self.inputs, *self.hidden, self.outputs)))
+
+    @property
+    def numbers(self) -> int:
+        """Weights and biases of one network."""
+        return sum((inputs + 1) * outputs for inputs, outputs in self.layers)
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shape of each array of the weights, by its name."""
+        shapes: dict[str, tuple[int, ...]] = {}
+        for layer, (inputs, outputs) in enumerate(self.layers):
+            shapes[f"layer{layer}.weight"] = (self.networks, inputs, outputs)
+            shapes[f"layer{layer}.bias"] = (self.networks, outputs)
+        return shapes
+
+    @model_validator(mode="after")
+    def _check_networks(self) -> Self:
+        if set(self.of_robot) != set(range(self.networks)):
+            raise ValueError(
+                f"of_robot is {shown(self.of_robot)}, but must name every stored network, counted from 0"
+            )
+        if self.joint and (self.input != "team" or self.networks != 1):
+            raise ValueError(
+                f'output is "joint action values" with input "{self.input}" and {self.networks} networks, '
+                'but must come from one network with input "team"'
+            )
+        if self.joint and self.robots * np.log(self.actions) > np.log(MOST_OUTPUTS):
+            raise ValueError(
+                f'output is "joint action values" of {self.robots} robots with {self.actions} actions, but '
+                f"must have at most {MOST_OUTPUTS} combinations"
+            )
+        if self.input == "team" and not self.joint and self.networks != self.robots:
+            raise ValueError(
+                f"of_robot is {shown(self.of_robot)}, but must name a network of its own for each robot "
+                'where input is "team": robots that share one would all do the same'
+            )
+        if self.input == "team" and self.inputs % self.robots:
+            raise ValueError(
+                f"inputs is {self.inputs}, but must be a multiple of {self.robots}, the number of robots, "
+                'where input is "team"'
+            )
+        if self.mask and self.actions != NUM_ACTIONS:
+            raise ValueError(f"actions is {self.actions}, but must be {NUM_ACTIONS} where mask is True")
+        return self
+
+
+class Networks:
+    """The networks of a team, in numpy: from the observations of all robots to the actions of all robots."""
+
+    def __init__(self, spec: NetworkSpec, weights: Weights, gains: tuple[int, int] | None = None) -> None:
+        """Take `weights` of the shapes `spec.shapes`.
+
+        `gains` is where an observation holds the gains of moves (`gain_columns`); a spec with a `mask` needs
+        it. InputError for weights that do not fit.
+        """
+        check_weights(spec, weights, "weights")
+        if spec.mask and gains is None:
+            raise InputError(
+                "mask is True, but must be False where observations hold no gains of cardinal moves."
+            )
+        self.spec = spec
+        self._gains = gains if spec.mask else None
+        # Rounded weights are widened once, here: products of float16 are slow and coarse on a CPU.
+        wide = {name: np.asarray(weights[name], np.float32) for name in spec.shapes}
+        if spec.networks > 1:
+            wide = {name: array[list(spec.of_robot)] for name, array in wide.items()}
+        layers = range(len(spec.layers))
+        self._weights = [np.ascontiguousarray(wide[f"layer{layer}.weight"]) for layer in layers]
+        self._biases = [wide[f"layer{layer}.bias"][:, None] for layer in layers]
+
+    def outputs(self, observation: Floats) -> Floats:
+        """Return what the networks put out, in float32, for `observation` [..., robots, size].
+
+        It is [..., robots, actions], or [..., actions ** robots] for joint action values. With a mask, what
+        is blocked is minus infinity: a blocked move, and a combination in which any robot's move is.
+        """
+        spec, batch = self.spec, observation.shape[:-2]
+        if spec.input == "team":
+            hidden = observation.reshape(1, -1, spec.inputs)
+        else:
+            hidden = observation.reshape(-1, *observation.shape[-2:]).swapaxes(0, 1)
+        values = self._forward(np.ascontiguousarray(hidden)).swapaxes(0, 1)
+        values = values.reshape(*batch, *values.shape[1 + spec.joint :])
+        if self._gains is not None:
+            blocked = np.asarray(blocked_moves(observation, self._gains), np.bool_)
+            if spec.joint:
+                values[_combined(blocked)] = -np.inf
+            else:
+                values[..., : blocked.shape[-1]][blocked] = -np.inf
+        return values
+
+    def act(self, observation: Floats) -> NDArray[np.int64]:
+        """Return the action of every robot, [..., robots], for `observation` [..., robots, size].
+
+        The one of the largest output; the lowest index among equals.
+        """
+        chosen: NDArray[np.int64] = self.outputs(observation).argmax(axis=-1)
+        if not self.spec.joint:
+            return chosen
+        return np.stack(np.unravel_index(chosen, (self.spec.actions,) * self.spec.robots), axis=-1)
+
+    def _forward(self, hidden: Floats) -> Floats:
+        """Return [networks, batch, outputs] of inputs [networks, batch, inputs]; one network serves all."""
+        for weight, bias in zip(self._weights[:-1], self._biases[:-1], strict=True):
+            hidden = hidden @ weight
+            hidden += bias
+            if self.spec.activation == "relu":
+                np.maximum(hidden, 0.0, out=hidden)
+            else:
+                np.tanh(hidden, out=hidden)
+            if self.spec.normalisation == "rms":
+                square = np.mean(hidden * hidden, axis=-1, keepdims=True)
+                hidden /= np.sqrt(square + np.float32(LEAST_SQUARE))
+        return hidden @ self._weights[-1] + self._biases[-1]
+
+
+def _combined(blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which combinations [..., actions ** robots] hold one of the `blocked` moves [..., robots, 4]."""
+    still = np.zeros((*blocked.shape[:-1], NUM_ACTIONS - blocked.shape[-1]), np.bool_)
+    each = np.concatenate((blocked, still), axis=-1)
+    combined = each[..., 0, :]
+    for robot in range(1, each.shape[-2]):
+        both = combined[..., :, None] | each[..., robot, None, :]
+        combined = both.reshape(*both.shape[:-2], -1)
+    return combined
+
+
+def check_weights(spec: NetworkSpec, weights: Weights, place: str) -> None:
+    """Raise InputError, in one sentence that begins with `place`, for weights that do not fit `spec`."""
+    shapes = spec.shapes
+    for name in sorted(shapes.keys() | weights.keys()):
+        if name not in weights:
+            raise InputError(f"{place}: tensor {shown(name)} is missing.")
+        if name not in shapes:
+            raise InputError(
+                f"{place}: tensor {shown(name)} is too many; the card has {len(spec.layers)} layers."
+            )
+        array = weights[name]
+        if array.shape != shapes[name]:
+            raise InputError(
+                f"{place}: the shape of {name} is {shown(array.shape)}, but must be {shown(shapes[name])}."
+            )
+        if array.dtype not in _DTYPES or array.dtype.name != spec.precision:
+            raise InputError(f"{place}: {name} is of type {array.dtype}, but must be {spec.precision}.")
+        if not np.isfinite(array).all():
+            raise InputError(f"{place}: {name} holds a number that is not finite.")

@@ -1,0 +1,242 @@
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robosim.control.network import Networks, NetworkSpec
+from robosim.errors import InputError
+
+
+def weights_of(spec, seed=0, scale=1.0):
+    rng = np.random.default_rng(seed)
+    return {
+        name: (scale * rng.normal(size=shape)).astype(spec.precision) for name, shape in spec.shapes.items()
+    }
+
+
+def plain_network(spec, weights, network, numbers):
+    """One network on one list of numbers, in float64."""
+    values = np.asarray(numbers, float)
+    for layer in range(len(spec.layers)):
+        weight, bias = weights[f"layer{layer}.weight"][network], weights[f"layer{layer}.bias"][network]
+        values = np.array([values @ column + b for column, b in zip(weight.T, bias, strict=True)], float)
+        if layer < len(spec.layers) - 1:
+            values = np.maximum(values, 0) if spec.activation == "relu" else np.tanh(values)
+            if spec.normalisation == "rms":
+                values = values / np.sqrt((values**2).mean() + 1e-5)
+    return values
+
+
+kinds = st.sampled_from([("own", "action values"), ("own", "logits"), ("team", "logits")])
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    kind=kinds,
+    robots=st.integers(1, 4),
+    groups=st.integers(1, 4),
+    activation=st.sampled_from(["relu", "tanh"]),
+    normalisation=st.sampled_from(["none", "rms"]),
+    precision=st.sampled_from(["float32", "float16"]),
+    batch=st.sampled_from([(), (1,), (3,), (2, 2)]),
+    hidden=st.lists(st.integers(1, 6), min_size=1, max_size=3),
+)
+def test_outputs_are_those_of_each_robots_own_network(
+    kind, robots, groups, activation, normalisation, precision, batch, hidden
+):
+    given_out = [robot % min(groups, robots) for robot in range(robots)]
+    spec = NetworkSpec(
+        input=kind[0],
+        inputs=3 * (robots if kind[0] == "team" else 1),
+        hidden=hidden,
+        activation=activation,
+        normalisation=normalisation,
+        output=kind[1],
+        actions=4,
+        of_robot=list(range(robots)) if kind[0] == "team" else given_out,
+        precision=precision,
+    )
+    weights = weights_of(spec)
+    observation = np.random.default_rng(1).uniform(-1, 1, (*batch, robots, 3)).astype(np.float32)
+    networks = Networks(spec, weights)
+    outputs = networks.outputs(observation)
+    assert outputs.dtype == np.float32
+    assert outputs.shape == (*batch, robots, 4)
+    assert (networks.act(observation) == outputs.argmax(axis=-1)).all()
+    for place in np.ndindex((*batch, robots)):
+        numbers = observation[place[:-1]].ravel() if spec.input == "team" else observation[place]
+        plain = plain_network(spec, weights, spec.of_robot[place[-1]], numbers)
+        np.testing.assert_allclose(outputs[place], plain, rtol=1e-3, atol=1e-3)
+
+
+def joint_spec(robots, mask=False, size=8):
+    return NetworkSpec(
+        input="team",
+        inputs=robots * size,
+        hidden=(16,),
+        output="joint action values",
+        mask=mask,
+        of_robot=(0,) * robots,
+    )
+
+
+@pytest.mark.parametrize("mask", [False, True])
+@pytest.mark.parametrize("robots", [1, 2, 3])
+def test_joint_values_are_decoded_with_the_first_robot_as_the_most_significant_digit(robots, mask):
+    spec = joint_spec(robots, mask)
+    rng = np.random.default_rng(robots)
+    weights = weights_of(spec)
+    observation = rng.uniform(-0.99, 1, (40, robots, 8)).astype(np.float32)
+    observation[rng.random(observation.shape) < 0.5] = -1.0
+    networks = Networks(spec, weights, (0, 4) if mask else None)
+    outputs, chosen = networks.outputs(observation), networks.act(observation)
+    assert outputs.shape == (40, 5**robots)
+    assert chosen.shape == (40, robots)
+    assert chosen.dtype == np.int64
+    for env in range(40):
+        values = plain_network(spec, weights, 0, observation[env].ravel())
+        best = None
+        for number, actions in enumerate(product(range(5), repeat=robots)):
+            blocked = mask and any(
+                move < 4 and observation[env, robot, move] == observation[env, robot, 4 + move] == -1
+                for robot, move in enumerate(actions)
+            )
+            assert np.isneginf(outputs[env, number]) == blocked
+            if not blocked:
+                assert outputs[env, number] == pytest.approx(values[number], rel=1e-3, abs=1e-3)
+                if best is None or outputs[env, number] > outputs[env, best[0]]:
+                    best = number, actions
+        assert tuple(chosen[env]) == best[1]
+
+
+def test_blocked_moves_are_not_chosen_by_single_robots():
+    spec = NetworkSpec(inputs=8, hidden=(16,), mask=True, of_robot=(0, 1))
+    free = spec.changed(mask=False)
+    weights = weights_of(spec)
+    rng = np.random.default_rng(0)
+    observation = rng.uniform(-0.99, 1.0, (200, 2, 8)).astype(np.float32)
+    observation[rng.random(observation.shape) < 0.6] = -1.0
+    blocked = (observation[..., :4] == -1) & (observation[..., 4:] == -1)
+    blocked = np.concatenate([blocked, np.zeros((200, 2, 1), bool)], axis=2)
+    masked, unmasked = Networks(spec, weights, (0, 4)), Networks(free, weights, (0, 4))
+    assert (masked.outputs(observation) == np.where(blocked, -np.inf, unmasked.outputs(observation))).all()
+    taken = np.take_along_axis(blocked, masked.act(observation)[..., None], axis=2)
+    assert blocked.any()
+    assert not taken.any()
+    with pytest.raises(InputError) as caught:
+        Networks(spec, weights)
+    assert str(caught.value) == (
+        "mask is True, but must be False where observations hold no gains of cardinal moves."
+    )
+
+
+def test_one_network_for_all_drives_any_number_of_robots():
+    spec = NetworkSpec(inputs=6, of_robot=(0, 0))
+    networks = Networks(spec, weights_of(spec))
+    observation = np.random.default_rng(3).uniform(-1, 1, (5, 9, 6)).astype(np.float32)
+    apart = [networks.outputs(observation[:, [robot]]) for robot in range(9)]
+    np.testing.assert_allclose(networks.outputs(observation), np.concatenate(apart, axis=1), rtol=1e-5)
+    assert spec.shared
+    assert not spec.changed(of_robot=(0, 1)).shared
+    assert not joint_spec(2).shared
+
+
+def test_figures_of_a_spec():
+    spec = NetworkSpec(inputs=7, hidden=[4, 3], of_robot=[1, 0, 1, 1])
+    assert (spec.robots, spec.networks, spec.observation, spec.outputs) == (4, 2, 7, 5)
+    assert spec.layers == ((7, 4), (4, 3), (3, 5))
+    assert spec.numbers == 8 * 4 + 5 * 3 + 4 * 5
+    assert spec.shapes == {
+        "layer0.weight": (2, 7, 4),
+        "layer0.bias": (2, 4),
+        "layer1.weight": (2, 4, 3),
+        "layer1.bias": (2, 3),
+        "layer2.weight": (2, 3, 5),
+        "layer2.bias": (2, 5),
+    }
+    joint = joint_spec(3)
+    assert (joint.observation, joint.outputs, joint.layers[-1]) == (8, 125, (16, 125))
+
+
+JOINT = {"output": "joint action values"}
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"of_robot": [0, 2]}, "of_robot is [0, 2], but must name every stored network, counted from 0."),
+        (
+            {"of_robot": []},
+            "of_robot is [], but must be a list of 1 to 1000 whole numbers from 0 to 999.",
+        ),
+        (
+            JOINT,
+            (
+                'output is "joint action values" with input "own" and 1 networks, '
+                'but must come from one network with input "team".'
+            ),
+        ),
+        (
+            JOINT | {"input": "team", "of_robot": [0] * 9, "inputs": 9},
+            (
+                'output is "joint action values" of 9 robots with 5 actions, '
+                "but must have at most 1000000 combinations."
+            ),
+        ),
+        (
+            JOINT | {"input": "team", "of_robot": [0] * 1000, "inputs": 1000},
+            (
+                'output is "joint action values" of 1000 robots with 5 actions, '
+                "but must have at most 1000000 combinations."
+            ),
+        ),
+        (
+            {"input": "team"},
+            (
+                "of_robot is [0, 0], but must name a network of its own for each robot "
+                'where input is "team": robots that share one would all do the same.'
+            ),
+        ),
+        (
+            {"input": "team", "of_robot": [0, 1]},
+            'inputs is 7, but must be a multiple of 2, the number of robots, where input is "team".',
+        ),
+        ({"mask": True, "actions": 4}, "actions is 4, but must be 5 where mask is True."),
+        ({"activation": "gelu"}, 'activation is "gelu", but must be "relu" or "tanh".'),
+        ({"hidden": [4097]}, "hidden is 4097, but must be a list of 1 to 8 whole numbers from 1 to 4096."),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_a_sentence(fields, sentence):
+    with pytest.raises(InputError) as caught:
+        NetworkSpec(**({"inputs": 7, "of_robot": [0, 0]} | fields))
+    assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda w: w.pop("layer1.bias"), 'weights: tensor "layer1.bias" is missing.'),
+        (lambda w: w.update(x=np.zeros(1)), 'weights: tensor "x" is too many; the card has 2 layers.'),
+        (
+            lambda w: w.update({"layer0.bias": np.zeros((2, 3), np.float32)}),
+            "weights: the shape of layer0.bias is [2, 3], but must be [1, 3].",
+        ),
+        (
+            lambda w: w.update({"layer0.bias": np.zeros((1, 3), np.float16)}),
+            "weights: layer0.bias is of type float16, but must be float32.",
+        ),
+        (
+            lambda w: w.update({"layer0.bias": np.full((1, 3), np.inf, np.float32)}),
+            "weights: layer0.bias holds a number that is not finite.",
+        ),
+    ],
+)
+def test_weights_that_do_not_fit_are_refused(change, sentence):
+    spec = NetworkSpec(inputs=2, hidden=(3,), of_robot=(0,))
+    weights = weights_of(spec)
+    change(weights)
+    with pytest.raises(InputError) as caught:
+        Networks(spec, weights)
+    assert str(caught.value) == sentence
