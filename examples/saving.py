@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import robosim
-from robosim.control.card import TechniqueCard, TrainingCard, card_for
+from robosim.control.card import TrainingCard, card_for
+from robosim.control.network import NetworkSpec
 from robosim.control.policy import save_policy
 from robosim.envs.vector import VectorEnv
-from robosim.learning.technique import Technique
 
 
 def save_team(
     folder: Path,
     weights: Mapping[str, NDArray[np.float32]],
     env: VectorEnv,
-    technique: Technique,
+    technique: str,
     *,
     seed: int,
     steps: int,
@@ -33,8 +32,17 @@ def save_team(
 
     `weights` are `layer0.weight` [networks, in, out], `layer0.bias` [networks, out] and so on: a network for
     each robot, or one for all. ReLU follows every layer but the last, and a robot takes the action whose
-    output is largest. InputError if the shapes don't fit, or if `folder` holds anything but a policy.
+    output is largest. `technique` is a name for the reader. InputError if the shapes don't fit, or if
+    `folder` holds anything but a policy.
     """
+    biases = [weights[name] for name in sorted(weights) if name.endswith(".bias")]
+    networks = len(biases[0])
+    spec = NetworkSpec(
+        inputs=env.layout.size,
+        hidden=[bias.shape[1] for bias in biases[:-1]],
+        actions=biases[-1].shape[1],
+        of_robot=tuple(range(networks)) if networks > 1 else (0,) * env.robots,
+    )
     training = TrainingCard(
         command=shlex.join(sys.argv)[:2000],
         seed=seed,
@@ -42,4 +50,4 @@ def save_team(
         wall_time=wall_time,
         versions={"robosim": robosim.__version__, "torch": version("torch"), "numpy": version("numpy")},
     )
-    save_policy(folder, weights, card_for(env, weights, TechniqueCard(**asdict(technique)), training))
+    save_policy(folder, weights, card_for(env, spec, weights, technique, training))

@@ -21,7 +21,6 @@ from torchrl.modules import EGreedyModule, MultiAgentMLP, QValueModule
 from torchrl.objectives import DQNLoss, HardUpdate
 
 import robosim
-from robosim.learning.technique import TECHNIQUES
 
 # TorchRL puts robot_0, robot_1 ... into the group "robot"; under it lie tensors [..., robots, ...].
 OBSERVATION, ACTION, REWARD = ("robot", "observation"), ("robot", "action"), ("robot", "reward")
@@ -114,7 +113,7 @@ if __name__ == "__main__":
             options.out,
             team,
             env,
-            TECHNIQUES["iql+s"],
+            "iql",
             seed=options.seed,
             steps=options.frames,
             wall_time=took,

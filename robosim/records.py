@@ -135,9 +135,7 @@ def _sentence(model: type[BaseModel], error: ErrorDetails) -> str:
         field = owner.model_fields.get(key)
         if field is None:
             break
-        nested = field.annotation
-        if isinstance(nested, type) and issubclass(nested, BaseModel):
-            owner = nested
+        owner = _model_in(field.annotation) or owner
     if error["type"] == "extra_forbidden":
         return f"{shown(keys[-1])} is not an option: {nearest_names(keys[-1], owner.model_fields)}"
     if error["type"] == "missing":
@@ -148,6 +146,13 @@ def _sentence(model: type[BaseModel], error: ErrorDetails) -> str:
         return f"{place + ': ' if place else ''}{text}."
     described = allowed(field) if field is not None else error["msg"]
     return str(refused(place, value, described))
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """Return the model that a field holds, by itself, in a list, or where it may also be None."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(filter(None, map(_model_in, get_args(annotation))), None)
 
 
 def allowed(field: FieldInfo) -> str:

@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.arena import load_arena
+from robosim.arena import arena_names, load_arena
 from robosim.cli.evaluate import summary
 from robosim.cli.main import exit_code
-from robosim.control.card import Evaluation, PolicyCard, arena_card
+from robosim.control.card import Evaluation, PolicyCard
 from robosim.control.controller import SCRIPTED, Controller
 from robosim.control.environment import environment_for
 from robosim.control.evaluate import evaluate
@@ -60,18 +60,18 @@ def ship(
     card = policy.card
     if card.training.seed == seed:
         raise InputError(f"--seed is {seed}, the seed of the training: it must be another.")
-    if card.arena != arena_card(load_arena(card.arena.name)):
-        print(f"note: the file of arena {card.arena.name} has changed since the training")
-    training = card.training.model_copy(update={"command": shown_command(card.training.command, name)})
-    blank = {"training": training, "evaluation": None, "reference": None, "notes": notes}
+    if card.arena.name not in arena_names() or load_arena(card.arena.name).text != card.env.arena:
+        print(f"note: the arena {card.arena.name} of the card is not, or no longer, the one that ships")
+    training = card.training.changed(command=shown_command(card.training.command, name))
+    card = card.changed(training=training, evaluation=None, reference=None, notes=notes)
     with tempfile.TemporaryDirectory() as scratch:
         draft = Path(scratch) / name
-        weights, card = store(draft, policy.weights(), card.model_copy(update=blank), half)
+        weights, card = store(draft, policy.weights(), card, half)
         # Read back, so that what is evaluated is what users will load.
         shipped = LearnedController(read_policy(draft), name)
         evaluation = measure(shipped, card, episodes, seed, episode_steps)
         reference = measure(LanesController(), card, episodes, seed, episode_steps)
-        card = card.model_copy(update={"evaluation": evaluation, "reference": reference})
+        card = card.changed(evaluation=evaluation, reference=reference)
         save_policy(draft, weights, card)
         if folder_size(draft) > MOST_BYTES:
             raise too_large(draft)
@@ -80,16 +80,16 @@ def ship(
 
 
 def store(draft: Path, weights: Weights, card: PolicyCard, half: bool) -> tuple[Weights, PolicyCard]:
-    """Write `weights` [robots, ...] to the folder `draft`, in float32 if that fits and `half` is not asked.
+    """Write `weights` [networks, ...] to the folder `draft`, in float32 if that fits and `half` is not asked.
 
     Returns weights and card as stored; InputError if they are too large even so.
     """
-    distinct, of_robot = shared(weights)
+    distinct, copies = shared(weights)
+    of_robot = tuple(copies[network] for network in card.network.of_robot)
     for precision in ("float16",) if half else ("float32", "float16"):
         with np.errstate(over="ignore"):  # what overflows is refused by save_policy, as not finite
             stored: Weights = {key: array.astype(precision) for key, array in distinct.items()}
-        network = card.network.model_copy(update={"of_robot": of_robot, "precision": precision})
-        card = card.model_copy(update={"network": network})
+        card = card.changed(network=card.network.changed(of_robot=of_robot, precision=precision))
         save_policy(draft, stored, card)
         if folder_size(draft) <= MOST_BYTES:
             return stored, card
@@ -110,18 +110,15 @@ def check_request(name: str, notes: str, episodes: int, seed: int) -> None:
         raise InputError(f"--notes has {len(notes)} characters: it must have at most 2000.")
 
 
-def shared(weights: Mapping[str, NDArray[np.float32]]) -> tuple[Weights, tuple[int, ...]]:
-    """Return `weights` [robots, ...] with equal networks stored once, and which of them each robot runs.
-
-    The latter is empty if all differ.
-    """
-    robots = len(next(iter(weights.values())))
-    contents = [b"".join(array[robot].tobytes() for array in weights.values()) for robot in range(robots)]
-    kept = [robot for robot in range(robots) if contents.index(contents[robot]) == robot]
-    if len(kept) == robots:
-        return dict(weights), ()
-    of_robot = tuple(kept.index(contents.index(content)) for content in contents)
-    return {name: array[kept] for name, array in weights.items()}, of_robot
+def shared(weights: Mapping[str, NDArray[np.float32]]) -> tuple[Weights, list[int]]:
+    """Return `weights` [networks, ...] with equal networks stored once, and where each network is now."""
+    networks = len(next(iter(weights.values())))
+    contents = [
+        b"".join(array[network].tobytes() for array in weights.values()) for network in range(networks)
+    ]
+    distinct = list(dict.fromkeys(contents))
+    kept = [contents.index(content) for content in distinct]
+    return {name: array[kept] for name, array in weights.items()}, list(map(distinct.index, contents))
 
 
 def shown_command(command: str, name: str) -> str:
@@ -154,8 +151,9 @@ def measure(
     """Evaluate a controller where the policy learned, as `robosim evaluate` does."""
     env = environment_for(
         controller,
-        card.arena.name,
+        card.env.arena,
         card.robots,
+        card.env.world,
         num_envs=min(episodes, 16),
         seed=seed,
         episode_steps=episode_steps,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -24,6 +24,8 @@ class Evaluate:
     """Arena by name, or the path of its file; by default the one a policy learned in, or `paper`."""
     robots: int | None = None
     """Team size; by default a policy's own, or 4."""
+    world: Literal["physics", "grid"] | None = None
+    """Rigid bodies, or one robot a cell; by default the world that a policy learned in, or `physics`."""
     episodes: int = 5
     """Episodes, run side by side."""
     steps: int | None = None
@@ -55,6 +57,7 @@ class Evaluate:
             controller,
             self.arena,
             self.robots,
+            self.world,
             num_envs=min(self.episodes, 16),
             seed=self.seed,
             episode_steps=self.steps,
@@ -91,9 +94,14 @@ class Evaluate:
 
         Where to is left out: equal runs make equal reports.
         """
+        from robosim.control.controller import SCRIPTED
+
+        # Without an arena, a policy takes the one on its card, which need not have a name here.
+        arena = self.arena or (evaluation.arena if self.policy in SCRIPTED else "")
         words = [
             *("robosim", "evaluate", self.policy),
-            *("--arena", self.arena or evaluation.arena),
+            *(("--arena", arena) if arena else ()),
+            *(("--world", self.world) if self.world else ()),
             *("--robots", str(evaluation.robots)),
             *("--episodes", str(evaluation.episodes)),
             *("--steps", str(evaluation.episode_steps)),
@@ -106,8 +114,9 @@ class Evaluate:
 def summary(evaluation: Evaluation) -> str:
     """Return the figures of an evaluation as a few lines."""
     robots = "  ".join(f"{mean:.1f}" for mean in evaluation.per_robot)
+    grid = " (grid world)" if evaluation.world == "grid" else ""
     return (
-        f"{evaluation.controller} in {evaluation.arena}, {evaluation.robots} robots, "
+        f"{evaluation.controller} in {evaluation.arena}{grid}, {evaluation.robots} robots, "
         f"{evaluation.episodes} episodes of {evaluation.episode_steps} decisions:\n"
         f"  pellets per episode     {evaluation.mean:.1f} (standard deviation {evaluation.std:.1f})\n"
         f"  of each robot           {robots}\n"

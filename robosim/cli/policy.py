@@ -12,6 +12,7 @@ import tyro
 
 if TYPE_CHECKING:
     from robosim.control.card import Evaluation, PolicyCard, StageCard
+    from robosim.control.network import NetworkSpec
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def _facts(name: str, card: PolicyCard, folder: Path) -> list[tuple[str, str]]:
     measure = f"robosim evaluate {quoted}"
     if evaluation is not None:
         measure += f" --episodes {evaluation.episodes} --seed {evaluation.seed}"
-        if evaluation.episode_steps != card.timing.episode_steps:
+        if evaluation.episode_steps != card.arena.timing.episode_steps:
             measure += f" --steps {evaluation.episode_steps}"
     return [
         ("policy", name),
@@ -142,19 +143,16 @@ def _facts(name: str, card: PolicyCard, folder: Path) -> list[tuple[str, str]]:
 
 
 def _learning(card: PolicyCard) -> list[tuple[str, str]]:
-    training, technique = card.training, card.technique
-    switches = (
-        "pickups and deliveries pay " + ("the whole team" if technique.global_reward else "the robot itself"),
-        *(["losing ground costs"] if technique.signed_distance else []),
-        *(["standing costs"] if technique.idle_cost else []),
-        f"pheromones are {'' if technique.stigmergy else 'not '}seen",
-        f"{'a' if technique.curriculum else 'no'} curriculum",
-        *(["one network for all"] if technique.parameter_sharing else []),
-        *(["normalised layers"] if technique.normalised else []),
-        *(["closed ways are not taken"] if technique.action_mask else []),
+    training, reward = card.training, card.env.reward
+    facts = ", ".join(f"{what} {fact}" for what, fact in card.technique.facts.items())
+    pays = (
+        f"pickups and deliveries pay {'the whole team' if reward.kind == 'global' else 'the robot itself'}",
+        *(["distance lost costs"] if reward.signed_distance else []),
+        *(["standing costs"] if reward.idle_cost else []),
     )
     return [
-        ("technique", f"{technique.name}: {', '.join(switches)}"),
+        ("technique", card.technique.name + (f": {facts}" if facts else "")),
+        ("reward", ", ".join(pays)),
         ("command", training.command or "not noted"),
         ("seed", str(training.seed)),
         ("learned for", f"{training.steps} joint decisions, {training.wall_time:.0f} s"),
@@ -172,19 +170,36 @@ def _stage(stage: StageCard) -> str:
 
 
 def _layout(card: PolicyCard) -> list[tuple[str, str]]:
-    sizes = " x ".join(str(outputs) for _, outputs in card.layers)
-    network = f"{len(card.observation.names)} x {sizes}"
-    shared = (
-        f", {card.networks} for {card.robots} robots" if card.network.of_robot else ", one for each robot"
-    )
-    precision = f", stored as {card.network.precision}" if card.network.precision else ""
-    pheromones = "with" if card.observation.stigmergy else "without"
+    arena, env, period = card.arena, card.env, card.arena.timing.decision_period
+    pheromones = "with" if env.stigmergy else "without"
     return [
-        ("arena", f"{card.arena.name}, cells of {card.arena.cell_size} m, text {card.arena.sha256[:12]}"),
-        ("observation", f"{card.layers[0][0]} numbers, {card.observation.encoding}, {pheromones} pheromones"),
-        ("actions", f"{card.num_actions}, {card.actions}, every {card.timing.decision_period} s"),
-        ("network", f"{network}{shared}{precision}"),
+        ("arena", f"{arena.name}, cells of {arena.cell_size} m, text {arena.sha256[:12]}"),
+        ("world", env.world),
+        ("observation", f"{len(card.observation)} numbers, {env.encoding}, {pheromones} pheromones"),
+        ("actions", f"{card.network.actions}, {env.actions}, every {period} s"),
+        *_network(card.network),
     ]
+
+
+def _network(network: NetworkSpec) -> list[tuple[str, str]]:
+    """Say what the networks are: their layers, and what they make of them."""
+    sizes = " x ".join(map(str, (network.inputs, *(outputs for _, outputs in network.layers))))
+    if network.joint:
+        owners = "one for the whole team"
+    elif network.shared:
+        owners = "one that all robots run"
+    elif network.networks == network.robots:
+        owners = "one for each robot"
+    else:
+        owners = f"{network.networks} for {network.robots} robots"
+    seen = "the robot's own observation" if network.input == "own" else "the observations of the team"
+    makes = (
+        f"{network.output} from {seen}",
+        network.activation,
+        *(["layers over their root mean square"] if network.normalisation == "rms" else []),
+        *(["blocked moves are not chosen"] if network.mask else []),
+    )
+    return [("network", f"{sizes}, {owners}, stored as {network.precision}"), ("", ", ".join(makes))]
 
 
 def _results(what: str, evaluation: Evaluation) -> list[tuple[str, str]]:

@@ -6,153 +6,101 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Final, Literal, Self
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from robosim.arena.model import Arena
 from robosim.arena.schema import RobotSection, TimingSection
-from robosim.discretise.pheromone import PheromoneConfig
-from robosim.errors import InputError
-from robosim.robot.drivers import NUM_ACTIONS
+from robosim.control.network import NetworkSpec, Weights, check_weights
+from robosim.discretise.observation import gain_columns
+from robosim.envs.config import EnvConfig
+from robosim.errors import InputError, shown
+from robosim.records import Many, Record
+from robosim.world.factory import WorldKind
 
 if TYPE_CHECKING:
     from robosim.envs.vector import VectorEnv
 
-FORMAT_VERSION = 1
+FORMAT_VERSION: Final = 2
 """Raised when a card's meaning changes; a reader refuses the versions that it does not know."""
-
-_MOST_BYTES = 1_000_000
+MOST_BYTES = 5_000_000
+"""What a card's file may hold; an arena's text takes up to a million."""
 
 Text = Annotated[str, Field(max_length=2000)]
 Count = Annotated[int, Field(ge=0)]
-Amount = Annotated[float, Field(ge=0.0)]
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+class TechniqueCard(Record):
+    """How the policy learned, for the reader: no code asks for it."""
+
+    name: str = Field(max_length=200)
+    facts: dict[Text, Text] = Field(default={}, max_length=100)
+    """What else is worth knowing: which algorithm, with which settings."""
 
 
-class TechniqueCard(_Record):
-    """How the policy learned, and what of it stays with the policy when it acts."""
+class ArenaCard(Record):
+    """Where the policy learned; its text is in `env.arena`."""
 
-    name: Text
-    global_reward: bool
-    stigmergy: bool
-    curriculum: bool
-    signed_distance: bool = False
-    idle_cost: bool = False
-    parameter_sharing: bool = False
-    normalised: bool = False
-    """Hidden layers are divided by their root mean square, after ReLU."""
-    action_mask: bool = False
-    """Closed ways are not chosen, as `robosim.discretise.observation.blocked_moves` tells them."""
-
-
-class ArenaCard(_Record):
-    """Where the policy learned."""
-
-    name: Text
-    sha256: str = Field(pattern="^[0-9a-f]{64}$")
-    """Fingerprint of the arena file's text."""
-    cell_size: float = Field(gt=0.0)
+    name: str = Field(max_length=200)
+    sha256: str = Field(max_length=64)
+    """Fingerprint of the arena's text."""
+    cell_size: float = Field(gt=0)
     """m."""
+    robot: RobotSection
+    """The robots' data sheet."""
+    timing: TimingSection
+    """In the world in which the policy learned."""
 
 
-class PheromoneCard(_Record):
-    """Constants of the pheromone map, as in `PheromoneConfig`, which checks them."""
-
-    decay: float = PheromoneConfig().decay
-    reinforcement: float = PheromoneConfig().reinforcement
-    initial: float = PheromoneConfig().initial
-    diffusion: float = PheromoneConfig().diffusion
-    radius: int = PheromoneConfig().radius
-
-    @property
-    def config(self) -> PheromoneConfig:
-        """The constants; InputError for values out of range."""
-        return PheromoneConfig(**self.model_dump())
-
-
-class ObservationCard(_Record):
-    """What a robot's observation holds, in order."""
-
-    encoding: Literal["paper", "expanded"]
-    stigmergy: bool
-    names: tuple[Text, ...] = Field(min_length=1, max_length=100_000)
-    pheromone: PheromoneCard = PheromoneCard()
-
-
-class NetworkCard(_Record):
-    """Shape of each robot's network: ReLU after every layer but the last."""
-
-    hidden: tuple[Annotated[int, Field(ge=1, le=4096)], ...] = Field(min_length=1, max_length=8)
-    precision: Literal["float32", "float16"] | None = None
-    """Of the weights as stored; None where the card does not say. They are computed with in float32."""
-    of_robot: tuple[Count, ...] = ()
-    """[robots] which of the stored networks each robot runs, so that equal ones are stored once; empty for
-    each its own."""
-
-    @property
-    def stored(self) -> int:
-        """Networks in the file when `of_robot` is given; 0 otherwise."""
-        return len(set(self.of_robot))
-
-    @model_validator(mode="after")
-    def _check_networks(self) -> Self:
-        if sorted(set(self.of_robot)) != list(range(self.stored)):
-            raise ValueError("of_robot must name every stored network, counted from 0")
-        return self
-
-
-class StageCard(_Record):
+class StageCard(Record):
     """A part of the training in which the same robots learned."""
 
-    name: Text
+    name: str = Field(max_length=200)
     robots: int = Field(ge=1)
     """In the tunnel."""
-    learning: Count
+    learning: int = Field(ge=0)
     """How many of them learned; the others were frozen."""
-    steps: Count
+    steps: int = Field(ge=0)
     """Joint decisions."""
     ended: Literal["steady", "budget"]
     """Whether the stage ended because its return no longer grew, or with its share of the decisions."""
 
 
-class TrainingCard(_Record):
+class TrainingCard(Record):
     """Where the weights come from."""
 
-    command: Text
-    seed: Count
-    steps: Count
+    command: str = Field(max_length=2000)
+    seed: int = Field(ge=0)
+    steps: int = Field(ge=0)
     """Joint decisions."""
-    wall_time: Amount
+    wall_time: float = Field(ge=0)
     """s."""
-    versions: dict[Text, Text]
+    versions: dict[Text, Text] = Field(max_length=100)
     """Of the packages that computed it."""
-    stages: tuple[StageCard, ...] = Field(default=(), max_length=2000)
+    stages: Many[StageCard] = Field(default=(), max_length=2000)
     """Of a curriculum, in their order; empty where there was none."""
 
 
-class Evaluation(_Record):
+class Evaluation(Record):
     """How a controller did, without exploration."""
 
-    controller: Text
-    arena: Text
+    controller: str = Field(max_length=2000)
+    arena: str = Field(max_length=2000)
+    """Name of the arena."""
+    world: WorldKind = "physics"
     robots: int = Field(ge=1)
     episode_steps: int = Field(ge=1)
-    seed: Count
-    delivered: tuple[tuple[Count, ...], ...] = Field(min_length=1)
+    seed: int = Field(ge=0)
+    delivered: Many[Many[Count]] = Field(min_length=1)
     """[episodes][robots] pellets that each robot delivered."""
-    collisions: tuple[Count, ...]
+    collisions: Many[Count]
     """[episodes] decisions in which robots touched another under way, summed over robots."""
 
     @property
     def episodes(self) -> int:
+        """How many episodes there were."""
         return len(self.delivered)
 
     @property
@@ -187,36 +135,29 @@ class Evaluation(_Record):
         return self
 
 
-class PolicyCard(_Record):
+class PolicyCard(Record):
     """All that must be known to run a policy, and where it comes from."""
 
     format: Literal["robosim-policy"] = "robosim-policy"
-    format_version: Literal[1] = 1
-    robots: int = Field(ge=1, le=1000)
+    format_version: Literal[2] = FORMAT_VERSION
     technique: TechniqueCard
+    env: EnvConfig
+    """The environment in which the policy learned, with the arena's text."""
     arena: ArenaCard
-    observation: ObservationCard
-    actions: Literal["cardinal", "wheels"]
-    num_actions: int = Field(ge=2, le=100)
-    network: NetworkCard
-    robot: RobotSection
-    timing: TimingSection
+    observation: Many[Text] = Field(min_length=1, max_length=100_000)
+    """What a robot's observation holds, in order."""
+    network: NetworkSpec
     training: TrainingCard
     evaluation: Evaluation | None = None
     reference: Evaluation | None = None
     """Of the scripted controller `lanes`, over the same episodes."""
-    notes: Text = ""
+    notes: str = Field(default="", max_length=2000)
     """What the policy fails at, in a sentence or two."""
 
     @property
-    def networks(self) -> int:
-        """Networks in the file: one for each robot, or fewer where robots run equal ones."""
-        return self.network.stored or self.robots
-
-    @property
-    def shared(self) -> bool:
-        """Whether all robots run one network; it then drives a team of any size."""
-        return self.network.stored == 1
+    def robots(self) -> int:
+        """Robots in the team that learned."""
+        return self.env.robots
 
     @property
     def share(self) -> float | None:
@@ -225,57 +166,76 @@ class PolicyCard(_Record):
             return None
         return self.evaluation.mean / self.reference.mean
 
-    @model_validator(mode="after")
-    def _check_team(self) -> Self:
-        if self.network.of_robot and len(self.network.of_robot) != self.robots:
-            raise ValueError(f"network.of_robot must hold {self.robots} numbers, one for each robot")
-        if self.technique.action_mask and self.actions == "cardinal" and self.num_actions < NUM_ACTIONS:
-            raise ValueError(f"num_actions must be {NUM_ACTIONS} for technique.action_mask")
-        return self
-
     @property
-    def layers(self) -> tuple[tuple[int, int], ...]:
-        """(inputs, outputs) of each layer of a robot's network."""
-        return tuple(pairwise((len(self.observation.names), *self.network.hidden, self.num_actions)))
+    def gains(self) -> tuple[int, int] | None:
+        """Where an observation holds the gains of moves, as `gain_columns` returns it."""
+        return gain_columns(self.observation, self.env.actions)
+
+    @model_validator(mode="after")
+    def _check_whole(self) -> Self:
+        network, robots = self.network, self.env.robots
+        if network.robots != robots:
+            raise ValueError(
+                f"network.of_robot is {shown(network.of_robot)}, but must hold {robots} numbers, "
+                "one for each robot"
+            )
+        if network.observation != len(self.observation):
+            raise ValueError(
+                f"network.inputs is {network.inputs}, but must be the {len(self.observation)} numbers of an "
+                "observation" + (", times the robots" if network.input == "team" else "")
+            )
+        if network.mask and self.gains is None:
+            raise ValueError(
+                "network.mask is True, but must be False where observations hold no gains of cardinal moves"
+            )
+        if "\n" not in self.env.arena:
+            raise ValueError(f"env.arena is {shown(self.env.arena)}, but must be the text of an arena")
+        if self.arena.sha256 != fingerprint(self.env.arena):
+            raise ValueError(
+                f"arena.sha256 is {shown(self.arena.sha256)}, but must be the fingerprint of env.arena, "
+                f"{shown(fingerprint(self.env.arena))}"
+            )
+        return self
 
 
 def card_for(
     env: VectorEnv,
-    weights: Mapping[str, NDArray[np.floating]],
-    technique: TechniqueCard,
+    spec: NetworkSpec,
+    weights: Weights,
+    technique: str,
     training: TrainingCard,
+    facts: Mapping[str, str] | None = None,
 ) -> PolicyCard:
-    """Return the card of a team that learned in `env`.
+    """Return the card of a team that learned in `env`; InputError for what does not fit together.
 
-    `weights` are `layer0.weight` [networks, in, out], `layer0.bias` [networks, out] and so on: a network for
-    each robot, or one that all robots run.
+    `spec.of_robot` says how many robots the team has: in a curriculum they may be fewer than those of `env`.
+    `technique` is a name for the reader, `facts` what else there is to say of how the team learned.
     """
-    layers, networks = len(weights) // 2, len(weights["layer0.weight"])
-    hidden = tuple(weights[f"layer{layer}.bias"].shape[1] for layer in range(layers - 1))
-    shared = networks == 1 and (env.robots > 1 or technique.parameter_sharing)
+    check_weights(spec, weights, "weights")
     return PolicyCard(
-        robots=env.robots if shared else networks,
-        technique=technique,
+        technique=TechniqueCard(name=technique, facts=dict(facts or {})),
+        env=env.config.changed(robots=spec.robots),
         arena=arena_card(env.arena),
-        observation=ObservationCard(
-            encoding=env.layout.encoding,
-            stigmergy=env.layout.stigmergy,
-            names=env.layout.names,
-            pheromone=PheromoneCard(**env.config.pheromone.model_dump()),
-        ),
-        actions=env.layout.actions,
-        num_actions=env.num_actions,
-        network=NetworkCard(hidden=hidden, of_robot=(0,) * env.robots if shared else ()),
-        robot=RobotSection(**asdict(env.arena.robot)),
-        timing=TimingSection(**asdict(env.arena.timing)),
+        observation=env.layout.names,
+        network=spec,
         training=training,
     )
 
 
 def arena_card(arena: Arena) -> ArenaCard:
-    """Return what a card says of an arena."""
-    fingerprint = hashlib.sha256(arena.text.encode("utf-8")).hexdigest()
-    return ArenaCard(name=arena.name, sha256=fingerprint, cell_size=arena.cell_size)
+    """Return what a card says of an arena, whose timing is that of the world that runs it."""
+    return ArenaCard(
+        name=arena.name,
+        sha256=fingerprint(arena.text),
+        cell_size=arena.cell_size,
+        robot=RobotSection(**asdict(arena.robot)),
+        timing=TimingSection(**asdict(arena.timing)),
+    )
+
+
+def fingerprint(text: str) -> str:
+    """Return the SHA-256 of a text, in hexadecimal digits."""
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def card_text(card: PolicyCard) -> str:
@@ -285,19 +245,19 @@ def card_text(card: PolicyCard) -> str:
 
 def read_card(path: Path) -> PolicyCard:
     """Read and check a card; InputError in one sentence for whatever is wrong with it."""
-    data = read_limited(path, _MOST_BYTES)
+    data = read_limited(path, MOST_BYTES)
     try:
-        version = json.loads(data).get("format_version")
-    except (ValueError, RecursionError, AttributeError):
-        raise InputError(f"{path}: not a policy card, which is a JSON object.") from None
+        table = json.loads(data)
+    except (ValueError, RecursionError):
+        table = None
+    if not isinstance(table, dict):
+        raise InputError(f"{path}: not a policy card, which is a JSON object.")
+    version = table.get("format_version")
     if type(version) is int and version != FORMAT_VERSION:
-        raise InputError(f"{path}: format_version is {version}; this robosim reads version {FORMAT_VERSION}.")
-    try:
-        return PolicyCard.model_validate_json(data)
-    except ValidationError as error:
-        first = error.errors()[0]
-        places = (str(path), ".".join(map(str, first["loc"])), _reason(first["msg"], first["input"]))
-        raise InputError(f"{': '.join(filter(None, places))}.") from None
+        raise InputError(
+            f"{path}: format_version is {shown(version)}; this robosim reads version {FORMAT_VERSION}."
+        )
+    return PolicyCard.from_table(table, str(path))
 
 
 def read_limited(path: Path, most: int) -> bytes:
@@ -316,9 +276,3 @@ def read_limited(path: Path, most: int) -> bytes:
     if len(data) > most:
         raise InputError(f"{path}: the file is larger than {most} bytes, the most it may have.")
     return data
-
-
-def _reason(message: str, value: object) -> str:
-    message = message.removeprefix("Value error, ")
-    sentence = message[0].lower() + message[1:]
-    return sentence if isinstance(value, dict) else f"{sentence}, not {str(value)[:60]!r}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,9 @@ from robosim.control.lanes import LanesController
 from robosim.control.learned import LearnedController
 from robosim.control.policy import find_policy, read_policy
 from robosim.control.protocols import ActiveController, LorenzController, ReversalController
-from robosim.envs.vector import VectorEnv
+
+if TYPE_CHECKING:
+    from robosim.envs.vector import VectorEnv
 
 Actions = NDArray[np.int64]
 

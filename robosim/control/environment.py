@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from robosim.arena.model import Arena
 from robosim.control.controller import Controller
 from robosim.control.learned import LearnedController
+from robosim.envs.config import EnvConfig
 from robosim.envs.vector import VectorEnv
-
-DEFAULT_ARENA = "paper"
-DEFAULT_ROBOTS = 4
+from robosim.world.factory import WorldKind
 
 
 def environment_for(
     controller: Controller,
-    arena: str | Path | None = None,
+    arena: Arena | str | Path | None = None,
     robots: int | None = None,
+    world: WorldKind | None = None,
     *,
     num_envs: int = 1,
     seed: int = 0,
@@ -24,19 +25,19 @@ def environment_for(
 ) -> VectorEnv:
     """Return an environment whose observations and actions fit `controller`.
 
-    What is left open is what a policy was trained with, or else the arena `paper` and four robots.
-    Raises InputError for values out of range.
+    What is left open is what a policy was trained with, or else what `EnvConfig` says. Pellets lie evenly and
+    episodes are as long as the arena says, however the policy learned. Raises InputError for values out of
+    range.
     """
-    card = controller.policy.card if isinstance(controller, LearnedController) else None
+    config = controller.policy.card.env if isinstance(controller, LearnedController) else EnvConfig()
     return VectorEnv(
-        arena or (card.arena.name if card else DEFAULT_ARENA),
-        robots=robots if robots is not None else card.robots if card else DEFAULT_ROBOTS,
+        config,
+        arena=config.arena if arena is None else arena,
+        robots=robots,
+        world=world,
+        pellet_gradient=0.0,
+        episode_steps=0 if episode_steps is None else episode_steps,
         num_envs=num_envs,
         seed=seed,
-        actions=card.actions if card else "cardinal",
-        encoding=card.observation.encoding if card else "expanded",
-        stigmergy=card.observation.stigmergy if card else True,
-        pheromone=card.observation.pheromone.config if card else None,
-        episode_steps=episode_steps,
         autoreset=autoreset,
     )

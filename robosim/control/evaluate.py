@@ -64,6 +64,7 @@ def evaluate(
     return Evaluation(
         controller=controller.name,
         arena=env.arena.name,
+        world=env.config.world,
         robots=env.robots,
         episode_steps=env.episode_steps,
         seed=seed,

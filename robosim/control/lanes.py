@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +19,10 @@ from robosim.control.seek import (
     require_cardinal,
     toward_pellets,
 )
-from robosim.envs.vector import VectorEnv
 from robosim.robot.drivers import CARDINAL_STEPS, STOP
+
+if TYPE_CHECKING:
+    from robosim.envs.vector import VectorEnv
 
 PATIENCE = 8
 """Decisions without motion after which a robot backs off."""

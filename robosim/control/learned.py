@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,39 +32,45 @@ class LearnedController:
 
 
 def check_fit(policy: Policy, env: VectorEnv, name: str) -> None:
-    """Raise InputError, in one sentence, if `policy` was not trained for such an environment."""
-    card, arena, layout = policy.card, env.arena, env.layout
+    """Raise InputError, in one sentence, if `policy` was not trained for such an environment.
+
+    It may drive robots in another world than the one in which it learned, at the pace of that world.
+    """
     differences = [
-        (what, trained, given)
-        for what, trained, given in (
-            *((("robots", card.robots, env.robots),) if not card.shared else ()),
-            ("actions", card.actions, layout.actions),
-            ("number of actions", card.num_actions, env.num_actions),
-            ("observation encoding", card.observation.encoding, layout.encoding),
-            ("stigmergy", card.observation.stigmergy, layout.stigmergy),
-            *(
-                (f"pheromone {field}", value, getattr(env.config.pheromone, field))
-                for field, value in card.observation.pheromone.model_dump().items()
-                if card.observation.stigmergy
-            ),
-            ("cell size (m)", card.arena.cell_size, arena.cell_size),
-            ("decision period (s)", card.timing.decision_period, arena.timing.decision_period),
-            *(
-                (f"robot {field}", value, getattr(arena.robot, field))
-                for field, value in card.robot.model_dump().items()
-            ),
-        )
+        f"{what} was {trained} in training and is {given} here"
+        for what, trained, given in _facts(policy, env)
         if trained != given
     ]
-    if not differences and card.observation.names != tuple(layout.names):
-        pairs = zip(card.observation.names, layout.names, strict=False)
-        first = next((i for i, (one, other) in enumerate(pairs) if one != other), None)
-        if first is None:
-            differences = [("observation size", len(card.observation.names), layout.size)]
-        else:
-            differences = [(f"observation entry {first}", card.observation.names[first], layout.names[first])]
+    if not differences:
+        differences = list(_observations(policy.card.observation, env.layout.names))
     if differences:
-        told = "; ".join(
-            f"{what} was {trained} in training and is {given} here" for what, trained, given in differences
-        )
-        raise InputError(f"policy {name} does not fit arena {arena.name!r}: {told}.")
+        raise InputError(f"policy {name} does not fit arena {env.arena.name!r}: {'; '.join(differences)}.")
+
+
+def _facts(policy: Policy, env: VectorEnv) -> Iterator[tuple[str, object, object]]:
+    """Yield what must be equal: what it is, in training, and here."""
+    card, config, arena = policy.card, env.config, env.arena
+    if not card.network.shared:
+        yield "robots", card.robots, env.robots
+    yield "actions", card.env.actions, config.actions
+    yield "number of actions", card.network.actions, env.num_actions
+    yield "observation encoding", card.env.encoding, config.encoding
+    yield "stigmergy", card.env.stigmergy, config.stigmergy
+    if card.env.stigmergy:
+        for field, value in card.env.pheromone.model_dump().items():
+            yield f"pheromone {field}", value, getattr(config.pheromone, field)
+    yield "cell size (m)", card.arena.cell_size, arena.cell_size
+    if card.env.world == config.world:
+        yield "decision period (s)", card.arena.timing.decision_period, arena.timing.decision_period
+    for field, value in card.arena.robot.model_dump().items():
+        yield f"robot {field}", value, getattr(arena.robot, field)
+
+
+def _observations(trained: tuple[str, ...], given: tuple[str, ...]) -> Iterator[str]:
+    """Yield how the first numbers that differ do, if any do."""
+    for place, (one, other) in enumerate(zip(trained, given, strict=False)):
+        if one != other:
+            yield f"observation entry {place} was {one} in training and is {other} here"
+            return
+    if len(trained) != len(given):
+        yield f"observation size was {len(trained)} in training and is {len(given)} here"

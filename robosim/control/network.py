@@ -138,13 +138,19 @@ class NetworkSpec(Record):
 class Networks:
     """The networks of a team, in numpy: from the observations of all robots to the actions of all robots."""
 
-    def __init__(self, spec: NetworkSpec, weights: Weights, gains: tuple[int, int] | None = None) -> None:
+    def __init__(
+        self,
+        spec: NetworkSpec,
+        weights: Weights,
+        gains: tuple[int, int] | None = None,
+        place: str = "weights",
+    ) -> None:
         """Take `weights` of the shapes `spec.shapes`.
 
         `gains` is where an observation holds the gains of moves (`gain_columns`); a spec with a `mask` needs
-        it. InputError for weights that do not fit.
+        it. InputError, in one sentence that begins with `place`, for weights that do not fit or overflow.
         """
-        check_weights(spec, weights, "weights")
+        check_weights(spec, weights, place)
         if spec.mask and gains is None:
             raise InputError(
                 "mask is True, but must be False where observations hold no gains of cardinal moves."
@@ -217,7 +223,7 @@ def _combined(blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def check_weights(spec: NetworkSpec, weights: Weights, place: str) -> None:
-    """Raise InputError, in one sentence that begins with `place`, for weights that do not fit `spec`."""
+    """Raise InputError, in one sentence that begins with `place`, for weights that cannot serve `spec`."""
     shapes = spec.shapes
     for name in sorted(shapes.keys() | weights.keys()):
         if name not in weights:
@@ -235,3 +241,25 @@ def check_weights(spec: NetworkSpec, weights: Weights, place: str) -> None:
             raise InputError(f"{place}: {name} is of type {array.dtype}, but must be {spec.precision}.")
         if not np.isfinite(array).all():
             raise InputError(f"{place}: {name} holds a number that is not finite.")
+    _check_overflow(spec, weights, place)
+
+
+def _check_overflow(spec: NetworkSpec, weights: Weights, place: str) -> None:
+    """Raise InputError for weights, finite each, that overflow together for observations in -1 to 1."""
+    most = float(np.finfo(np.float32).max)
+    bound = 1.0
+    for layer, (_, outputs) in enumerate(spec.layers):
+        last = layer == len(spec.layers) - 1
+        largest = bound * np.abs(weights[f"layer{layer}.weight"]).sum(axis=1, dtype=np.float64)
+        bound = float((largest + np.abs(weights[f"layer{layer}.bias"])).max())
+        normalised = spec.normalisation == "rms" and not last
+        tanh = spec.activation == "tanh" and not last
+        # Where layers are normalised, the sum of the squares of what they put out must be finite too.
+        limit = (most / outputs) ** 0.5 if normalised and not tanh else most
+        if bound > limit:
+            raise InputError(
+                f"{place}: numbers in layer{layer} may reach {bound:.1e}, but must stay below {limit:.1e}, "
+                "or they overflow."
+            )
+        if tanh or normalised:
+            bound = outputs**0.5 if normalised else 1.0

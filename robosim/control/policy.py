@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,49 +15,32 @@ import safetensors.numpy
 from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.shipped import shipped_folder
-from robosim.control.card import PolicyCard, card_text, read_card, read_limited
-from robosim.discretise.observation import gain_columns, mask_blocked_moves
-from robosim.errors import InputError, nearest_names
+from robosim.control.card import MOST_BYTES, PolicyCard, card_text, read_card, read_limited
+from robosim.control.network import Networks, Weights, check_weights
+from robosim.errors import InputError, nearest_names, shown
 
 WEIGHTS_FILE = "policy.safetensors"
 CARD_FILE = "card.json"
 RUN_POLICY = "policy"
 """Name of the policy folder inside a run folder."""
 
-LEAST_SQUARE = 1e-5
-"""Added to the mean square by which hidden layers are normalised."""
-
 _DTYPES: dict[str, np.dtype[np.floating]] = {"F32": np.dtype("<f4"), "F16": np.dtype("<f2")}
 _MOST_HEADER = 1_000_000
-_MOST_BYTES = 2_000_000_000
+_MOST_WEIGHTS = 2_000_000_000
+"""Bytes that the networks of a team may take in memory."""
 
 
 class Policy:
-    """The greedy policy of a team: each robot's own network, from its own observation to its action."""
+    """The greedy policy of a team: its networks, from the observations of the robots to their actions."""
 
-    def __init__(self, weights: Mapping[str, NDArray[np.floating]], card: PolicyCard) -> None:
-        """Take `layer0.weight` [networks, in, out], `layer0.bias` [networks, out] and so on, as in the card.
+    def __init__(self, weights: Weights, card: PolicyCard, place: str = "weights") -> None:
+        """Take the weights of the card's networks.
 
-        There is a network for each robot, or those that the card's `network.of_robot` gives out.
+        InputError, in one sentence that begins with `place`, if they do not fit the card.
         """
-        _check_weights(weights, card, "weights")
         self.card = card
-        # Rounded weights are widened once, here: products of float16 are slow and coarse on a CPU.
-        stored = [
-            (
-                np.asarray(weights[f"layer{i}.weight"], np.float32),
-                np.asarray(weights[f"layer{i}.bias"], np.float32),
-            )
-            for i in range(len(card.layers))
-        ]
-        if card.network.of_robot and not card.shared:
-            of_robot = np.array(card.network.of_robot)
-            stored = [(weight[of_robot], bias[of_robot]) for weight, bias in stored]
-        self._weights = [np.ascontiguousarray(weight) for weight, _ in stored]
-        self._biases = [bias[:, None] for _, bias in stored]
-        self._progress = (
-            gain_columns(card.observation.names, card.actions) if card.technique.action_mask else None
-        )
+        self._networks = Networks(card.network, weights, card.gains, place)
+        self._stored = {name: np.asarray(array, np.float32) for name, array in weights.items()}
 
     @property
     def robots(self) -> int:
@@ -64,48 +48,28 @@ class Policy:
         return self.card.robots
 
     def weights(self) -> dict[str, NDArray[np.float32]]:
-        """Return copies of `layer0.weight` [robots, in, out], `layer0.bias` [robots, out] and so on."""
-        arrays: dict[str, NDArray[np.float32]] = {}
-        each = self.robots if self.card.shared else 1
-        for i, (weight, bias) in enumerate(zip(self._weights, self._biases, strict=True)):
-            arrays[f"layer{i}.weight"] = np.repeat(weight, each, axis=0)
-            arrays[f"layer{i}.bias"] = np.repeat(bias[:, 0], each, axis=0)
-        return arrays
+        """Return copies of `layer0.weight` [networks, in, out], `layer0.bias` [networks, out] and so on."""
+        return {name: array.copy() for name, array in self._stored.items()}
 
     def act(self, observation: ArrayLike) -> NDArray[np.int64]:
         """Return the action of every robot, [..., robots], from `observation` [..., robots, size].
 
-        The action of the largest value; the lowest index among equals. InputError for a wrong shape
-        or an observation that is not finite.
+        The one of the largest output; the lowest index among equals. InputError for a wrong shape or an
+        observation that is not finite.
         """
-        chosen: NDArray[np.int64] = self.values(observation).argmax(axis=-1)
-        return chosen
+        return self._networks.act(self._checked(observation))
 
     def values(self, observation: ArrayLike) -> NDArray[np.float32]:
-        """Return action values [..., robots, actions], computed in float32; errors as in `act`.
-
-        What the policy does not choose, where its card has an `action_mask`, is worth minus infinity.
-        """
-        inputs = self._checked(observation)
-        hidden = np.ascontiguousarray(inputs.reshape(-1, *inputs.shape[-2:]).swapaxes(0, 1))
-        for weight, bias in zip(self._weights[:-1], self._biases[:-1], strict=True):
-            hidden = hidden @ weight
-            hidden += bias
-            np.maximum(hidden, 0.0, out=hidden)
-            if self.card.technique.normalised:
-                square = np.mean(hidden * hidden, axis=-1, keepdims=True)
-                hidden /= np.sqrt(square + np.float32(LEAST_SQUARE))
-        values = (hidden @ self._weights[-1] + self._biases[-1]).swapaxes(0, 1)
-        values = values.reshape(*inputs.shape[:-1], self.card.num_actions)
-        return mask_blocked_moves(values, inputs, self._progress)
+        """Return what the networks put out, as `Networks.outputs` does; errors as in `act`."""
+        return self._networks.outputs(self._checked(observation))
 
     def _checked(self, observation: ArrayLike) -> NDArray[np.float32]:
-        size = len(self.card.observation.names)
+        size = len(self.card.observation)
         try:
             inputs = np.asarray(observation, np.float32)
         except (TypeError, ValueError) as error:
             raise InputError(f"observation is not an array of numbers: {error}.") from None
-        robots = inputs.shape[-2] if self.card.shared and inputs.ndim > 1 else self.robots
+        robots = inputs.shape[-2] if self.card.network.shared and inputs.ndim > 1 else self.robots
         if inputs.shape[-2:] != (robots, size):
             raise InputError(
                 f"observation has shape {inputs.shape}: its last two axes must be robots and size, "
@@ -114,7 +78,7 @@ class Policy:
         finite = np.isfinite(inputs)
         if not finite.all():
             place = tuple(int(i) for i in np.argwhere(~finite)[0])
-            name = self.card.observation.names[place[-1]]
+            name = self.card.observation[place[-1]]
             raise InputError(
                 f"observation is {inputs[place]} at {place}, the {name!r} of robot {place[-2]}: "
                 "it must be a finite number."
@@ -123,12 +87,18 @@ class Policy:
 
 
 def policy_names() -> list[str]:
-    """Names of the policies that ship, sorted."""
+    """Names of the policies that ship, in an order in which paper-2 comes before paper-16."""
     try:
         folder = shipped_folder("policies")
     except InputError:
         return []
-    return sorted(path.name for path in folder.iterdir() if (path / CARD_FILE).is_file())
+    names = [path.name for path in folder.iterdir() if (path / CARD_FILE).is_file()]
+    return sorted(names, key=_natural)
+
+
+def _natural(name: str) -> list[tuple[str, int]]:
+    """Return what names are sorted by so that the numbers in them count as such."""
+    return [(text, int(digits or -1)) for text, digits in re.findall(r"([^0-9]*)([0-9]*)", name)]
 
 
 def folder_size(folder: Path) -> int:
@@ -147,16 +117,20 @@ def load_policy(name_or_path: str | Path) -> Policy:
 def read_policy(folder: Path) -> Policy:
     """Read a policy folder; InputError in one sentence if it is not whole and sound."""
     card = read_card(folder / CARD_FILE)
-    return Policy(_read_weights(folder / WEIGHTS_FILE, card), card)
+    path = folder / WEIGHTS_FILE
+    return Policy(_read_weights(path, card), card, str(path))
 
 
-def save_policy(folder: Path, weights: Mapping[str, NDArray[np.floating]], card: PolicyCard) -> None:
+def save_policy(folder: Path, weights: Weights, card: PolicyCard) -> None:
     """Write a policy folder, whole or not at all; a policy that is there already is replaced.
 
-    `weights` are named and shaped as `Policy` takes them, float32 or float16. InputError if they don't
-    fit the card, or if `folder` holds anything but a policy.
+    `weights` are of the shapes and the precision that `card.network` states. InputError if they do not fit
+    the card, or if `folder` holds anything but a policy.
     """
-    _check_weights(weights, card, "weights")
+    check_weights(card.network, weights, "weights")
+    text = card_text(card).encode("utf-8")
+    if len(text) > MOST_BYTES:
+        raise InputError(f"the card takes {len(text)} bytes, but must take at most {MOST_BYTES}.")
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: this is a file; a policy is written to a folder.")
@@ -172,7 +146,7 @@ def save_policy(folder: Path, weights: Mapping[str, NDArray[np.floating]], card:
             whole = {name: np.ascontiguousarray(array) for name, array in weights.items()}
             # Not by save_file, which lets nobody but the owner read the file.
             (fresh / WEIGHTS_FILE).write_bytes(safetensors.numpy.save(whole))
-            (fresh / CARD_FILE).write_text(card_text(card), encoding="utf-8")
+            (fresh / CARD_FILE).write_bytes(text)
             if folder.exists():
                 folder.rename(former)
             fresh.rename(folder)
@@ -209,13 +183,14 @@ def find_policy(name_or_path: str | Path, scripted: Iterable[str] = ()) -> Path:
 
 
 def _read_weights(path: Path, card: PolicyCard) -> dict[str, NDArray[np.floating]]:
-    numbers = sum((inputs + 1) * outputs for inputs, outputs in card.layers)
-    if 4 * numbers * card.robots > _MOST_BYTES:
+    network = card.network
+    each = 1 if network.networks == 1 else network.robots
+    if 4 * network.numbers * each > _MOST_WEIGHTS:
         raise InputError(
-            f"{path}: {card.robots} networks of {numbers} numbers need more than {_MOST_BYTES} bytes, "
+            f"{path}: {each} networks of {network.numbers} numbers need more than {_MOST_WEIGHTS} bytes, "
             "the most a policy may take."
         )
-    data = read_limited(path, 4 * numbers * card.networks + _MOST_HEADER)
+    data = read_limited(path, 4 * network.numbers * network.networks + _MOST_HEADER)
     try:
         tensors: list[tuple[str, dict[str, Any]]] = safetensors.deserialize(data)  # type: ignore[no-untyped-call]
     except safetensors.SafetensorError as error:
@@ -224,30 +199,6 @@ def _read_weights(path: Path, card: PolicyCard) -> dict[str, NDArray[np.floating
     for name, tensor in tensors:
         dtype = _DTYPES.get(tensor["dtype"])
         if dtype is None:
-            raise InputError(f"{path}: {name[:60]!r} is of type {tensor['dtype']}: it must be F32 or F16.")
+            raise InputError(f"{path}: {shown(name)} is of type {tensor['dtype']}, but must be F32 or F16.")
         weights[name] = np.frombuffer(tensor["data"], dtype).reshape(tensor["shape"])
-    _check_weights(weights, card, str(path))
     return weights
-
-
-def _check_weights(weights: Mapping[str, NDArray[np.floating]], card: PolicyCard, place: str) -> None:
-    expected: dict[str, tuple[int, ...]] = {}
-    for layer, (inputs, outputs) in enumerate(card.layers):
-        expected[f"layer{layer}.weight"] = (card.networks, inputs, outputs)
-        expected[f"layer{layer}.bias"] = (card.networks, outputs)
-    for name in sorted(expected.keys() | weights.keys()):
-        if name not in weights:
-            raise InputError(f"{place}: tensor {name!r} is missing.")
-        if name not in expected:
-            raise InputError(f"{place}: tensor {name[:60]!r} is not one of {len(card.layers)} layers.")
-        array = weights[name]
-        if array.shape != expected[name]:
-            raise InputError(f"{place}: {name!r} has shape {array.shape}; the card says {expected[name]}.")
-        if array.dtype not in _DTYPES.values():
-            raise InputError(f"{place}: {name!r} is of type {array.dtype}: it must be float32 or float16.")
-        if card.network.precision not in (None, array.dtype.name):
-            raise InputError(
-                f"{place}: {name!r} is of type {array.dtype}; the card says {card.network.precision}."
-            )
-        if not np.isfinite(array).all():
-            raise InputError(f"{place}: {name!r} holds a number that is not finite.")

@@ -9,6 +9,7 @@ its own probability to go again. Numbers that this leaves open are ours, and are
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,11 @@ from robosim.control.seek import (
     require_cardinal,
     toward_pellets,
 )
-from robosim.envs.vector import VectorEnv
 from robosim.robot.drivers import CARDINAL_STEPS, STOP
 from robosim.world.contacts import ContactKind
+
+if TYPE_CHECKING:
+    from robosim.envs.vector import VectorEnv
 
 WEDGED = 8
 """Decisions in one place, held by walls and pellets alone, after which a robot frees itself; ours."""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from robosim.robot.drivers import CARDINAL_STEPS
 from robosim.world.state import PelletStatus
+
+if TYPE_CHECKING:
+    from robosim.envs.vector import VectorEnv
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from robosim.control.policy import LEAST_SQUARE
+from robosim.control.network import LEAST_SQUARE
 from robosim.errors import InputError
 
 CPU = torch.device("cpu")

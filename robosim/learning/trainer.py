@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
@@ -20,13 +20,14 @@ import robosim
 from robosim.control.card import (
     Evaluation,
     PolicyCard,
-    TechniqueCard,
     TrainingCard,
     card_for,
 )
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
+from robosim.control.network import NetworkSpec, Weights
 from robosim.control.policy import RUN_POLICY, Policy, save_policy
+from robosim.discretise.observation import gain_columns
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from robosim.files import write_whole
@@ -34,7 +35,7 @@ from robosim.learning.checkpoint import list_checkpoints, read_checkpoint
 from robosim.learning.config import TrainConfig, read_config, write_config
 from robosim.learning.metrics import Metrics, write_metrics
 from robosim.learning.tensorboard import Curves
-from robosim.learning.training import EVALUATION_SEED, Training, make_env
+from robosim.learning.training import EVALUATION_SEED, Training, count_robots, make_env
 
 CONFIG_FILE = "config.toml"
 METRICS_FILE = "metrics.parquet"
@@ -43,6 +44,8 @@ COMMAND_FILE = "command.txt"
 CHECKPOINTS = "checkpoints"
 RECORDINGS = "recordings"
 CURVES = "tensorboard"
+FACTS = {"algorithm": "double DQN"}
+"""What cards say of how the weights were learned, beside the command."""
 
 Report = Callable[[Metrics], None]
 Record = Callable[[LearnedController, VectorEnv, Path], None]
@@ -153,7 +156,7 @@ class _Run:
         if config.evaluation_episodes:
             controller = LearnedController(Policy(weights, card), str(folder))
             evaluation = evaluate_run(config, controller, training.seed(EVALUATION_SEED))
-            save_policy(folder / RUN_POLICY, weights, card.model_copy(update={"evaluation": evaluation}))
+            save_policy(folder / RUN_POLICY, weights, card.changed(evaluation=evaluation))
             write_whole(folder / EVALUATION_FILE, evaluation.model_dump_json(indent=2) + "\n")
         # Not before: until here a kill must find something to go on from.
         for path in (folder / CHECKPOINTS).glob("*"):
@@ -228,8 +231,21 @@ class _Run:
             versions=_versions(),
             stages=stages,
         )
-        technique = TechniqueCard(**asdict(training.technique))
-        return card_for(training.env, training.weights(), technique, about)
+        weights = training.weights()
+        return card_for(training.env, self._spec(weights), weights, training.technique.name, about, FACTS)
+
+    def _spec(self, weights: Weights) -> NetworkSpec:
+        training, env, technique = self._training, self._training.env, self._training.technique
+        gains = gain_columns(env.layout.names, env.layout.actions)
+        shared, networks = technique.parameter_sharing, range(count_robots(weights))
+        return NetworkSpec(
+            inputs=env.layout.size,
+            hidden=training.config.hidden,
+            normalisation="rms" if technique.normalised else "none",
+            mask=technique.action_mask and gains is not None,
+            actions=env.num_actions,
+            of_robot=(0,) * env.robots if shared else tuple(networks),
+        )
 
 
 def evaluate_run(config: TrainConfig, controller: LearnedController, seed: int) -> Evaluation:

@@ -205,28 +205,33 @@ def technique_of(config: TrainConfig, before: Policy | None) -> Technique:
     technique = find_technique(config.technique)
     if before is None:
         return technique
-    needs = before.card.technique
-    return replace(technique, normalised=needs.normalised, action_mask=needs.action_mask)
+    needs = before.card.network
+    return replace(technique, normalised=needs.normalisation == "rms", action_mask=needs.mask)
 
 
 def starting_team(config: TrainConfig, policy: Policy) -> Weights:
     """Return the weights of the policy that a run starts from; InputError when they do not fit the run."""
-    robots = policy.card.robots
-    if policy.card.network.hidden != config.hidden:
+    robots, network = policy.card.robots, policy.card.network
+    if (network.input, network.activation, network.output) != ("own", "relu", "action values"):
         raise InputError(
-            f"start_from {config.start_from!r} has hidden layers {list(policy.card.network.hidden)}: "
+            f"start_from {config.start_from!r} has networks with {network.input} input, {network.activation} "
+            f"and {network.output}: a run starts from ones with own input, relu and action values."
+        )
+    if network.hidden != config.hidden:
+        raise InputError(
+            f"start_from {config.start_from!r} has hidden layers {list(network.hidden)}: "
             f"the run's must be the same, not {list(config.hidden)}."
         )
-    if robots <= config.robots or policy.card.shared:
+    if robots <= config.robots or network.shared:
         check_fit(policy, make_env(config, 1, 0, robots=min(robots, config.robots)), config.start_from)
     if not find_technique(config.technique).parameter_sharing:
-        return policy.weights()
-    if not policy.card.shared:
+        return {name: array[list(network.of_robot)] for name, array in policy.weights().items()}
+    if not network.shared:
         raise InputError(
             f"start_from {config.start_from!r} has a network for each robot: technique {config.technique} "
             "starts from one that all robots share."
         )
-    return robots_of(policy.weights(), 0, 1)
+    return policy.weights()
 
 
 def robots_of(weights: Weights, first: int, last: int) -> dict[str, NDArray[np.float32]]:

@@ -1,26 +1,22 @@
 import json
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import robosim.control.policy as policy_module
-from robosim.arena.schema import RobotSection, TimingSection
 from robosim.cli.main import main
 from robosim.control.card import (
     Evaluation,
-    NetworkCard,
-    ObservationCard,
     PolicyCard,
     StageCard,
-    TechniqueCard,
     TrainingCard,
-    arena_card,
+    card_for,
     card_text,
 )
+from robosim.control.network import NetworkSpec
 from robosim.control.policy import save_policy
 from robosim.envs.vector import VectorEnv
 
@@ -39,37 +35,27 @@ def make_evaluation(controller: str, *totals: int, steps: int = 5000) -> Evaluat
 
 def make_policy(folder: Path, **changes: object) -> PolicyCard:
     """Write a policy of two robots for the arena `paper`, with weights of 0, and return its card."""
-    env = VectorEnv("paper", robots=2)
-    fields: dict[str, object] = {
-        "robots": 2,
-        "technique": TechniqueCard(name="smadrl", global_reward=True, stigmergy=True, curriculum=True),
-        "arena": arena_card(env.arena),
-        "observation": ObservationCard(encoding="expanded", stigmergy=True, names=tuple(env.layout.names)),
-        "actions": "cardinal",
-        "num_actions": 5,
-        "network": NetworkCard(hidden=(8,), precision="float32"),
-        "robot": RobotSection(**asdict(env.arena.robot)),
-        "timing": TimingSection(**asdict(env.arena.timing)),
-        "training": TrainingCard(
-            command="robosim train --robots 2 --technique smadrl --out runs/paper-2",
-            seed=3,
-            steps=30000,
-            wall_time=61.4,
-            versions={"numpy": "2.4", "torch": "2.13"},
-            stages=(
-                StageCard(name="first team", robots=1, learning=1, steps=10000, ended="steady"),
-                StageCard(name="newcomer 2", robots=2, learning=1, steps=20000, ended="budget"),
-            ),
+    env = VectorEnv("paper", robots=2, reward="global")
+    spec = NetworkSpec(inputs=env.layout.size, hidden=(8,), of_robot=(0, 1))
+    weights = {name: np.zeros(shape, np.float32) for name, shape in spec.shapes.items()}
+    training = TrainingCard(
+        command="robosim train --robots 2 --technique smadrl --out runs/paper-2",
+        seed=3,
+        steps=30000,
+        wall_time=61.4,
+        versions={"numpy": "2.4", "torch": "2.13"},
+        stages=(
+            StageCard(name="first team", robots=1, learning=1, steps=10000, ended="steady"),
+            StageCard(name="newcomer 2", robots=2, learning=1, steps=20000, ended="budget"),
         ),
+    )
+    fields: dict[str, object] = {
         "evaluation": make_evaluation("paper-2", 80, 90, 85),
         "reference": make_evaluation("lanes", 88, 90, 89),
         "notes": "Stands still once in a while.",
     }
-    card = PolicyCard.model_validate(fields | changes)
-    weights = {}
-    for layer, (inputs, outputs) in enumerate(card.layers):
-        weights[f"layer{layer}.weight"] = np.zeros((2, inputs, outputs), np.float32)
-        weights[f"layer{layer}.bias"] = np.zeros((2, outputs), np.float32)
+    card = card_for(env, spec, weights, "smadrl", training, {"algorithm": "double DQN"})
+    card = card.changed(**(fields | changes))
     save_policy(folder, weights, card)
     return card
 
@@ -116,14 +102,19 @@ def test_show_tells_all_that_the_card_holds(ships: Path, capsys: pytest.CaptureF
     assert main(["policy", "show", "paper-2"]) == 0
     shown = capsys.readouterr().out
     for line in (
-        "technique     smadrl: pickups and deliveries pay the whole team, pheromones are seen, a curriculum",
+        "technique     smadrl: algorithm double DQN",
+        "reward        pickups and deliveries pay the whole team",
         "command       robosim train --robots 2 --technique smadrl --out runs/paper-2",
         "seed          3",
         "learned for   30000 joint decisions, 61 s",
         "stages        first team: 1 of 1 robots learned for 10000 joint decisions, until steady",
         "              newcomer 2: 1 of 2 robots learned for 20000 joint decisions, the whole budget",
         "versions      numpy 2.4, torch 2.13",
+        "world         physics",
+        "observation   143 numbers, expanded, with pheromones",
         "actions       5, cardinal, every 0.3 s",
+        "network       143 x 8 x 5, one for each robot, stored as float32",
+        "              action values from the robot's own observation, relu",
         "evaluation    paper-2 in paper: 3 episodes of 5000 decisions, seed 7",
         "  pellets     85.0 +- 5.0 per episode",
         "  episodes    80  90  85",
@@ -136,7 +127,6 @@ def test_show_tells_all_that_the_card_holds(ships: Path, capsys: pytest.CaptureF
         "measure it    robosim evaluate paper-2 --episodes 3 --seed 7",
     ):
         assert line in shown.splitlines()
-    assert "x 8 x 5, one for each robot, stored as float32" in shown
 
 
 def test_show_json_is_the_card(ships: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,31 +2,21 @@ import numpy as np
 import pytest
 
 from robosim.arena import load_arena
-from robosim.arena.schema import RobotSection, TimingSection
-from robosim.control.card import (
-    Evaluation,
-    NetworkCard,
-    ObservationCard,
-    PolicyCard,
-    TechniqueCard,
-    TrainingCard,
-    arena_card,
-)
+from robosim.control.card import Evaluation, PolicyCard, TechniqueCard, TrainingCard, arena_card
+from robosim.control.network import NetworkSpec
+from robosim.envs.config import EnvConfig
 
 
-def make_card(robots=3, size=7, hidden=(16, 12), **changes):
+def make_card(robots=3, size=7, env=None, network=None, **changes):
+    """A card of made-up observations; `env` and `network` replace fields of those records."""
+    arena = load_arena("paper")
+    spec = {"inputs": size, "hidden": (16, 12), "of_robot": tuple(range(robots))} | (network or {})
     fields = {
-        "robots": robots,
-        "technique": TechniqueCard(name="iql", global_reward=False, stigmergy=False, curriculum=False),
-        "arena": arena_card(load_arena("paper")),
-        "observation": ObservationCard(
-            encoding="expanded", stigmergy=True, names=tuple(f"number {i}" for i in range(size))
-        ),
-        "actions": "cardinal",
-        "num_actions": 5,
-        "network": NetworkCard(hidden=hidden),
-        "robot": RobotSection(),
-        "timing": TimingSection(),
+        "technique": TechniqueCard(name="iql"),
+        "env": EnvConfig(arena=arena.text, robots=robots).with_options(**(env or {})),
+        "arena": arena_card(arena),
+        "observation": tuple(f"number {i}" for i in range(size)),
+        "network": NetworkSpec(**spec),
         "training": TrainingCard(
             command="robosim train", seed=1, steps=10, wall_time=1.5, versions={"numpy": "2"}
         ),
@@ -43,13 +33,12 @@ def make_card(robots=3, size=7, hidden=(16, 12), **changes):
     return PolicyCard(**(fields | changes))
 
 
-def make_weights(card, seed=0, dtype=np.float32):
+def make_weights(card, seed=0):
     rng = np.random.default_rng(seed)
-    weights = {}
-    for layer, (inputs, outputs) in enumerate(card.layers):
-        weights[f"layer{layer}.weight"] = rng.normal(size=(card.robots, inputs, outputs)).astype(dtype)
-        weights[f"layer{layer}.bias"] = rng.normal(size=(card.robots, outputs)).astype(dtype)
-    return weights
+    return {
+        name: rng.normal(size=shape).astype(card.network.precision)
+        for name, shape in card.network.shapes.items()
+    }
 
 
 @pytest.fixture

@@ -1,11 +1,23 @@
 import json
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from robosim.arena import load_arena
-from robosim.control.card import StageCard, arena_card, card_text, read_card
+from robosim.control.card import (
+    StageCard,
+    TechniqueCard,
+    TrainingCard,
+    arena_card,
+    card_for,
+    card_text,
+    fingerprint,
+    read_card,
+)
+from robosim.control.network import NetworkSpec
+from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 
 
@@ -27,28 +39,47 @@ def refused(tmp_path, text):
 @pytest.mark.parametrize(
     ("place", "value", "sentence"),
     [
-        ("format_version", 2, "format_version is 2; this robosim reads version 1."),
-        ("format_version", "1", "format_version: input should be 1, not '1'."),
-        ("format", "other", "format: input should be 'robosim-policy', not 'other'."),
-        ("robots", 0, "robots: input should be greater than or equal to 1, not '0'."),
-        ("robots", 1.5, "robots: input should be a valid integer, not '1.5'."),
-        ("robots", True, "robots: input should be a valid integer, not 'True'."),
-        ("speed", 3, "speed: extra inputs are not permitted, not '3'."),
-        ("arena.sha256", "abc", "arena.sha256: string should match pattern '^[0-9a-f]{64}$', not 'abc'."),
-        ("arena.cell_size", float("nan"), "arena.cell_size: input should be a finite number, not 'nan'."),
-        ("robot.mass", -1.0, "robot.mass: input should be greater than or equal to 0.01, not '-1.0'."),
-        ("network.hidden", [0], "network.hidden.0: input should be greater than or equal to 1, not '0'."),
-        ("actions", "fly", "actions: input should be 'cardinal' or 'wheels', not 'fly'."),
-        ("network.of_robot", [0, 1], "network.of_robot must hold 3 numbers, one for each robot."),
+        ("format_version", 1, "format_version is 1; this robosim reads version 2."),
+        ("format_version", "1", 'format_version is "1", but must be 2.'),
+        ("format", "other", 'format is "other", but must be "robosim-policy".'),
+        ("env.robots", 0, "env.robots is 0, but must be a whole number from 1 to 1000."),
+        ("env.robots", 1.5, "env.robots is 1.5, but must be a whole number from 1 to 1000."),
+        ("env.robots", True, "env.robots is True, but must be a whole number from 1 to 1000."),
+        (
+            "env.robots",
+            4,
+            "network.of_robot is [0, 1, 2], but must hold 4 numbers, one for each robot.",
+        ),
+        ("env.actions", "fly", 'env.actions is "fly", but must be "cardinal" or "wheels".'),
+        ("env.arena", "/etc/passwd", 'env.arena is "/etc/passwd", but must be the text of an arena.'),
+        ("env.pheromone.decay", 2, "env.pheromone.decay is 2, but must be a number from 1e-06 to 1."),
+        ("arena.cell_size", float("nan"), "arena.cell_size is nan, but must be a number above 0."),
+        ("arena.robot.mass", -1.0, "arena.robot.mass is -1.0, but must be a number from 0.01 to 100."),
+        (
+            "network.hidden",
+            [0],
+            "network.hidden is 0, but must be a list of 1 to 8 whole numbers from 1 to 4096.",
+        ),
         (
             "network.of_robot",
             [0, 2, 0],
-            "network: of_robot must name every stored network, counted from 0.",
+            "network: of_robot is [0, 2, 0], but must name every stored network, counted from 0.",
+        ),
+        (
+            "network.of_robot",
+            [0, 1],
+            "network.of_robot is [0, 1], but must hold 3 numbers, one for each robot.",
         ),
         (
             "network.precision",
             "int8",
-            "network.precision: input should be 'float32' or 'float16', not 'int8'.",
+            'network.precision is "int8", but must be "float32" or "float16".',
+        ),
+        ("network.inputs", 8, "network.inputs is 8, but must be the 7 numbers of an observation."),
+        (
+            "network.mask",
+            True,
+            "network.mask is True, but must be False where observations hold no gains of cardinal moves.",
         ),
         (
             "evaluation.delivered",
@@ -60,8 +91,17 @@ def refused(tmp_path, text):
             [4],
             "evaluation: collisions must hold 2 numbers, one for each episode.",
         ),
-        ("training.stages", [{"name": "x"}], "training.stages.0.robots: field required."),
-        ("notes", "x" * 2001, f"notes: string should have at most 2000 characters, not {'x' * 60!r}."),
+        ("evaluation.robots", 0, "evaluation.robots is 0, but must be a whole number from 1."),
+        (
+            "training.stages",
+            [{"name": "x"}],
+            "training.stages.robots is missing; it must be a whole number from 1.",
+        ),
+        (
+            "notes",
+            "x" * 2001,
+            f'notes is "{"x" * 75} ..., but must be a text of at most 2000 characters.',
+        ),
     ],
 )
 def test_wrong_field_is_one_sentence(tmp_path, card, place, value, sentence):
@@ -74,45 +114,64 @@ def test_wrong_field_is_one_sentence(tmp_path, card, place, value, sentence):
     assert refused(tmp_path, json.dumps(data)) == sentence
 
 
-def test_a_card_of_before_the_zoo_still_loads(tmp_path, card):
+def test_an_unknown_field_is_one_sentence(tmp_path, card):
     data = json.loads(card_text(card))
-    del data["reference"], data["notes"], data["training"]["stages"]
-    del data["network"]["of_robot"], data["network"]["precision"]
-    path = tmp_path / "card.json"
-    path.write_text(json.dumps(data))
-    old = read_card(path)
-    assert old == card
-    assert (old.reference, old.notes, old.training.stages) == (None, "", ())
-    assert (old.network.precision, old.networks, old.share) == (None, 3, None)
+    data["speed"] = 3
+    assert refused(tmp_path, json.dumps(data)).startswith('"speed" is not an option: known names are arena, ')
+
+
+def test_the_fingerprint_must_be_that_of_the_arenas_text(tmp_path, card):
+    data = json.loads(card_text(card))
+    data["arena"]["sha256"] = "abc"
+    known = fingerprint(load_arena("paper").text)
+    assert refused(tmp_path, json.dumps(data)) == (
+        f'arena.sha256 is "abc", but must be the fingerprint of env.arena, "{known}".'
+    )
 
 
 def test_stages_reference_and_notes_survive_their_file(tmp_path, card):
     stage = StageCard(name="newcomer 3", robots=3, learning=1, steps=500, ended="steady")
-    full = card.model_copy(
-        update={
-            "training": card.training.model_copy(update={"stages": (stage,)}),
-            "network": card.network.model_copy(update={"of_robot": (0, 1, 0), "precision": "float16"}),
-            "reference": card.evaluation.model_copy(update={"controller": "lanes"}),
-            "notes": "Stands still at times.",
-        }
+    full = card.changed(
+        training=card.training.changed(stages=(stage,)),
+        network=card.network.changed(of_robot=(0, 1, 0), precision="float16"),
+        reference=card.evaluation.changed(controller="lanes"),
+        technique=card.technique.changed(facts={"algorithm": "double DQN"}),
+        notes="Stands still at times.",
     )
     path = tmp_path / "card.json"
     path.write_text(card_text(full))
     assert read_card(path) == full
-    assert (full.networks, full.share) == (2, 1.0)
+    assert (full.network.networks, full.share) == (2, 1.0)
+
+
+def test_a_card_is_of_the_environment_that_the_team_learned_in(weights_of):
+    env = VectorEnv("s-bend", robots=3, reward="local", pheromone_decay=0.2, episode_steps=77)
+    spec = NetworkSpec(inputs=env.layout.size, hidden=(4,), mask=True, of_robot=(0, 0))
+    weights = {name: np.zeros(shape, np.float32) for name, shape in spec.shapes.items()}
+    training = TrainingCard(command="mine", seed=1, steps=10, wall_time=0.5, versions={})
+    card = card_for(env, spec, weights, "mine", training, {"algorithm": "my own"})
+    assert card.env == env.config.changed(robots=2)
+    assert card.env.arena == load_arena("s-bend").text
+    assert (card.arena.name, card.robots, card.observation) == ("s-bend", 2, env.layout.names)
+    assert card.technique == TechniqueCard(name="mine", facts={"algorithm": "my own"})
+    with pytest.raises(InputError) as caught:
+        card_for(env, spec.changed(of_robot=(0, 1)), weights, "mine", training)
+    assert str(caught.value) == ("weights: the shape of layer0.bias is [1, 4], but must be [2, 4].")
 
 
 def test_share_is_relative_to_the_reference(card):
-    lanes = card.evaluation.model_copy(update={"delivered": ((8, 8, 8), (8, 8, 8))})
-    assert card.model_copy(update={"reference": lanes}).share == 0.25
-    idle = lanes.model_copy(update={"delivered": ((0, 0, 0), (0, 0, 0))})
-    assert card.model_copy(update={"reference": idle}).share is None
+    lanes = card.evaluation.changed(delivered=((8, 8, 8), (8, 8, 8)))
+    assert card.changed(reference=lanes).share == 0.25
+    idle = lanes.changed(delivered=((0, 0, 0), (0, 0, 0)))
+    assert card.changed(reference=idle).share is None
 
 
 def test_missing_field_is_one_sentence(tmp_path, card):
     data = json.loads(card_text(card))
-    del data["observation"]["names"]
-    assert refused(tmp_path, json.dumps(data)) == "observation.names: field required."
+    del data["network"]["inputs"]
+    assert refused(tmp_path, json.dumps(data)) == (
+        "network.inputs is missing; it must be a whole number from 1 to 100000."
+    )
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "7", "null", b"\xff\xfe", "[" * 100_000])
@@ -122,12 +181,12 @@ def test_what_is_no_card_is_refused(tmp_path, text):
 
 def test_a_huge_card_is_refused(tmp_path):
     assert (
-        refused(tmp_path, " " * 1_000_001) == "the file is larger than 1000000 bytes, the most it may have."
+        refused(tmp_path, " " * 5_000_001) == "the file is larger than 5000000 bytes, the most it may have."
     )
 
 
 @settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(cut=st.integers(0, 1500), put=st.binary(max_size=4))
+@given(cut=st.integers(0, 6000), put=st.binary(max_size=4))
 def test_no_damage_ends_in_anything_but_a_sentence(tmp_path_factory, card_of, cut, put):
     path = tmp_path_factory.mktemp("card") / "card.json"
     data = card_text(card_of()).encode()

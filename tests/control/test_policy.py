@@ -1,6 +1,8 @@
 import json
 import os
 import struct
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -8,11 +10,9 @@ import pytest
 import safetensors.numpy
 
 import robosim.control.policy as policy_module
-from robosim.control.card import NetworkCard, ObservationCard, TechniqueCard, card_text
-from robosim.control.policy import Policy, load_policy, save_policy
+from robosim.control.card import card_text
+from robosim.control.policy import Policy, load_policy, policy_names, save_policy
 from robosim.errors import InputError
-
-PLAIN = {"name": "iql", "global_reward": False, "stigmergy": False, "curriculum": False}
 
 
 @pytest.fixture
@@ -23,21 +23,21 @@ def folder(tmp_path, card, weights_of):
 
 def slow_action(weights, card, robot, observation):
     hidden = observation
-    for layer in range(len(card.layers)):
+    for layer in range(len(card.network.layers)):
         hidden = hidden @ weights[f"layer{layer}.weight"][robot] + weights[f"layer{layer}.bias"][robot]
-        if layer < len(card.layers) - 1:
+        if layer < len(card.network.layers) - 1:
             hidden = np.where(hidden > 0, hidden, 0)
-            if card.technique.normalised:
+            if card.network.normalisation == "rms":
                 hidden = hidden / np.sqrt(np.mean(hidden.astype(float) ** 2) + 1e-5)
     return hidden.argmax(), hidden
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (4,), (2, 3)])
-@pytest.mark.parametrize("dtype", [np.float32, np.float16])
-@pytest.mark.parametrize("normalised", [False, True])
-def test_acts_as_each_robots_own_network(tmp_path, card_of, weights_of, batch, dtype, normalised):
-    card = card_of(technique=TechniqueCard(**PLAIN, normalised=normalised))
-    weights = weights_of(card, dtype=dtype)
+@pytest.mark.parametrize("precision", ["float32", "float16"])
+@pytest.mark.parametrize("normalisation", ["none", "rms"])
+def test_acts_as_each_robots_own_network(tmp_path, card_of, weights_of, batch, precision, normalisation):
+    card = card_of(network={"normalisation": normalisation, "precision": precision})
+    weights = weights_of(card)
     save_policy(tmp_path / "p", weights, card)
     policy = load_policy(tmp_path / "p")
     observation = np.random.default_rng(1).normal(size=(*batch, 3, 7)).astype(np.float32)
@@ -60,25 +60,46 @@ def test_loaded_policy_is_the_saved_one(folder, card, weights_of):
 
 
 def test_robots_may_run_one_stored_network(tmp_path, card_of, weights_of):
-    card = card_of(network=NetworkCard(hidden=(16, 12), of_robot=(1, 0, 1)))
-    weights = {name: array[:2] for name, array in weights_of(card).items()}
+    card = card_of(network={"of_robot": (1, 0, 1)})
+    weights = weights_of(card)
     save_policy(tmp_path / "p", weights, card)
     shared = load_policy(tmp_path / "p")
     plain = Policy({name: array[[1, 0, 1]] for name, array in weights.items()}, card_of())
     observation = np.random.default_rng(1).normal(size=(50, 3, 7)).astype(np.float32)
     assert (shared.values(observation) == plain.values(observation)).all()
-    given = {name: (array == weights[name][[1, 0, 1]]).all() for name, array in shared.weights().items()}
-    assert given == dict.fromkeys(weights, True)
-    with pytest.raises(InputError, match=r"'layer0.bias' has shape \(3, 16\); the card says \(2, 16\)."):
-        Policy(weights_of(card), card)
+    kept = shared.weights()
+    assert {name: (array == weights[name]).all() for name, array in kept.items()} == dict.fromkeys(
+        weights, True
+    )
+    kept["layer0.bias"][:] = 7.0
+    assert (shared.weights()["layer0.bias"] == weights["layer0.bias"]).all()
+    with pytest.raises(InputError) as caught:
+        Policy(weights_of(card_of()), card)
+    assert str(caught.value) == "weights: the shape of layer0.bias is [3, 16], but must be [2, 16]."
+
+
+def test_one_network_may_choose_for_the_whole_team(tmp_path, card_of, weights_of):
+    joint = {"input": "team", "inputs": 21, "of_robot": (0, 0, 0), "output": "joint action values"}
+    card = card_of(network=joint)
+    weights = weights_of(card)
+    save_policy(tmp_path / "p", weights, card)
+    policy = load_policy(tmp_path / "p")
+    observation = np.random.default_rng(1).uniform(-1, 1, (20, 3, 7)).astype(np.float32)
+    actions = policy.act(observation)
+    assert policy.values(observation).shape == (20, 125)
+    for env in range(20):
+        chosen, _ = slow_action(weights, card, 0, observation[env].ravel())
+        assert actions[env].tolist() == [chosen // 25, chosen // 5 % 5, chosen % 5]
+    with pytest.raises(InputError, match=r"its last two axes must be robots and size, \(3, 7\)."):
+        policy.act(np.zeros((4, 7)))
 
 
 def test_one_network_for_all_drives_a_team_of_any_size(tmp_path, card_of, weights_of):
-    card = card_of(network=NetworkCard(hidden=(16, 12), of_robot=(0, 0, 0)))
-    weights = {name: array[:1] for name, array in weights_of(card).items()}
+    card = card_of(network={"of_robot": (0, 0, 0)})
+    weights = weights_of(card)
     save_policy(tmp_path / "p", weights, card)
     policy = load_policy(tmp_path / "p")
-    assert (card.shared, policy.robots, policy.weights()["layer0.weight"].shape[0]) == (True, 3, 3)
+    assert (card.network.shared, policy.robots) == (True, 3)
     for robots in (1, 3, 8):
         observation = np.random.default_rng(robots).normal(size=(20, robots, 7)).astype(np.float32)
         actions = policy.act(observation)
@@ -94,9 +115,8 @@ def test_blocked_moves_are_worth_nothing_and_not_taken(card_of, weights_of):
     names = [f"number {i}" for i in range(9)]
     for first, goal in ((0, "home"), (4, "source")):
         names[first : first + 4] = [f"gain {goal} {side}" for side in "NSWE"]
-    observed = ObservationCard(encoding="expanded", stigmergy=True, names=tuple(names))
-    card = card_of(technique=TechniqueCard(**PLAIN, action_mask=True), observation=observed)
-    free = card_of(observation=observed)
+    card = card_of(size=9, observation=names, network={"mask": True})
+    free = card_of(size=9, observation=names)
     weights = weights_of(card)
     rng = np.random.default_rng(0)
     observation = rng.uniform(-0.99, 1.0, (200, 3, 9)).astype(np.float32)
@@ -104,30 +124,31 @@ def test_blocked_moves_are_worth_nothing_and_not_taken(card_of, weights_of):
     observation[..., 0:4][home] = -1.0
     observation[..., 4:8][source] = -1.0
     values, unmasked = (Policy(weights, one).values(observation) for one in (card, free))
-    closed = np.concatenate([home & source, np.zeros((200, 3, 1), bool)], axis=2)
-    assert (values == np.where(closed, -np.inf, unmasked)).all()
-    taken = np.take_along_axis(closed, Policy(weights, card).act(observation)[..., None], axis=2)
-    assert closed.any()
+    blocked = np.concatenate([home & source, np.zeros((200, 3, 1), bool)], axis=2)
+    assert (values == np.where(blocked, -np.inf, unmasked)).all()
+    taken = np.take_along_axis(blocked, Policy(weights, card).act(observation)[..., None], axis=2)
+    assert blocked.any()
     assert not taken.any()
-    wheels = card_of(technique=card.technique, observation=observed, actions="wheels")
-    assert (Policy(weights, wheels).values(observation) == unmasked).all()
-    # Numbers that are not four and four in a row tell no ways.
-    for names in (observed.names[::-1], (*observed.names[1:], "gain home N"), ("a",) * 9):
-        other = ObservationCard(encoding="expanded", stigmergy=True, names=names)
-        odd = card_of(technique=card.technique, observation=other)
-        assert (Policy(weights, odd).values(observation) == unmasked).all()
 
 
-def test_a_mask_needs_all_cardinal_actions(tmp_path, card_of, weights_of):
-    card = card_of()
-    save_policy(tmp_path / "p", weights_of(card), card)
-    text = card_text(card).replace('"action_mask": false', '"action_mask": true')
-    (tmp_path / "p" / "card.json").write_text(text.replace('"num_actions": 5', '"num_actions": 3'))
-    assert refused(tmp_path / "p") == ("/card.json: num_actions must be 5 for technique.action_mask.")
+def test_a_mask_needs_observations_that_hold_the_gains_of_cardinal_moves(card_of):
+    names = [f"gain {goal} {side}" for goal in ("home", "source") for side in "NSWE"]
+    card_of(size=8, observation=names, network={"mask": True})
+    # Four and four in a row, or nothing can be read from them.
+    for odd in (
+        {"observation": names[::-1]},
+        {"observation": [*names[1:], "x"]},
+        {"env": {"actions": "wheels"}},
+    ):
+        with pytest.raises(InputError) as caught:
+            card_of(**({"size": 8, "observation": names, "network": {"mask": True}} | odd))
+        assert str(caught.value) == (
+            "network.mask is True, but must be False where observations hold no gains of cardinal moves."
+        )
 
 
 def test_few_stored_networks_cannot_fill_the_memory(tmp_path, card_of):
-    network = NetworkCard(hidden=(4096,) * 8, of_robot=(0,) * 1000)
+    network = {"hidden": (4096,) * 8, "of_robot": (0,) * 999 + (1,)}
     huge = card_of(robots=1000, network=network, evaluation=None)
     folder = tmp_path / "p"
     folder.mkdir()
@@ -136,22 +157,36 @@ def test_few_stored_networks_cannot_fill_the_memory(tmp_path, card_of):
     assert "need more than 2000000000 bytes, the most a policy may take." in refused(folder)
 
 
-@pytest.mark.parametrize(("said", "is_"), [("float32", np.float16), ("float16", np.float32)])
-def test_precision_must_be_the_one_that_the_card_says(tmp_path, card_of, weights_of, said, is_):
-    card = card_of(network=NetworkCard(hidden=(16, 12), precision=said))
-    save_policy(tmp_path / "p", weights_of(card, dtype=said), card)
-    safetensors.numpy.save_file(weights_of(card, dtype=is_), tmp_path / "p" / "policy.safetensors")
-    told = f"'layer0.bias' is of type {np.dtype(is_)}; the card says {said}."
-    assert refused(tmp_path / "p").endswith(told)
+@pytest.mark.parametrize("normalisation", ["none", "rms"])
+def test_weights_that_overflow_together_are_refused_both_ways(folder, card_of, weights_of, normalisation):
+    card = card_of(network={"normalisation": normalisation})
+    weights = {name: array * np.float32(1e30) for name, array in weights_of(card).items()}
+    with pytest.raises(InputError) as caught:
+        save_policy(folder, weights, card)
+    told = str(caught.value).removeprefix("weights: ")
+    assert told.startswith("numbers in layer")
+    assert told.endswith(", or they overflow.")
+    (folder / "card.json").write_text(card_text(card))
+    safetensors.numpy.save_file(weights, folder / "policy.safetensors")
+    assert refused(folder) == f"/policy.safetensors: {told}"
 
 
-def test_rounded_weights_are_computed_with_in_float32(card, weights_of):
-    half = weights_of(card, dtype=np.float16)
+@pytest.mark.parametrize(("said", "other"), [("float32", "float16"), ("float16", "float32")])
+def test_precision_must_be_the_one_that_the_card_says(tmp_path, card_of, weights_of, said, other):
+    card, wrong = (card_of(network={"precision": precision}) for precision in (said, other))
+    save_policy(tmp_path / "p", weights_of(card), card)
+    safetensors.numpy.save_file(weights_of(wrong), tmp_path / "p" / "policy.safetensors")
+    assert refused(tmp_path / "p").endswith(f": layer0.bias is of type {other}, but must be {said}.")
+
+
+def test_rounded_weights_are_computed_with_in_float32(card_of, weights_of):
+    card = card_of(network={"precision": "float16"})
+    half = weights_of(card)
     widened = {name: array.astype(np.float32) for name, array in half.items()}
     observation = np.random.default_rng(1).normal(size=(50, 3, 7)).astype(np.float32)
     values = Policy(half, card).values(observation)
     assert values.dtype == np.float32
-    assert (values == Policy(widened, card).values(observation)).all()
+    assert (values == Policy(widened, card_of()).values(observation)).all()
 
 
 def test_both_files_are_readable_as_others_are(folder, tmp_path):
@@ -164,6 +199,25 @@ def test_the_lowest_of_equal_actions_is_taken(card, weights_of):
     weights = {name: np.zeros_like(array) for name, array in weights_of(card).items()}
     weights["layer2.bias"][:, 2:4] = 1.0
     assert (Policy(weights, card).act(np.ones((3, 7))) == 2).all()
+
+
+def test_names_sort_by_the_numbers_in_them(tmp_path, card, weights_of, monkeypatch):
+    for name in ("paper-16", "paper-2", "paper-2-half", "a1b10", "a1b9", "zoo"):
+        save_policy(tmp_path / name, weights_of(card), card)
+    monkeypatch.setattr(policy_module, "shipped_folder", lambda kind: tmp_path)
+    assert policy_names() == ["a1b9", "a1b10", "paper-2", "paper-2-half", "paper-16", "zoo"]
+
+
+def test_a_policy_runs_without_the_libraries_of_physics_learning_and_playback():
+    code = (
+        "import sys, numpy, robosim; robosim.load_policy('paper-8').act(numpy.zeros((8, 143)));"
+        "import robosim.control.controller, robosim.control.environment, robosim.envs.vector;"
+        "print({name.split('.')[0] for name in sys.modules} & "
+        "{'pymunk', 'torch', 'rerun', 'matplotlib', 'pyarrow', 'rich'})"
+    )
+    run = [sys.executable, "-c", code]
+    result = subprocess.run(run, capture_output=True, text=True, timeout=60, check=True)
+    assert result.stdout == "set()\n"
 
 
 @pytest.mark.parametrize(
@@ -255,19 +309,22 @@ def test_huge_header_and_huge_file_are_refused_unread(folder):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda w: w.pop("layer1.bias"), "tensor 'layer1.bias' is missing."),
-        (lambda w: w.update(extra=np.zeros(1)), "tensor 'extra' is not one of 3 layers."),
+        (lambda w: w.pop("layer1.bias"), 'tensor "layer1.bias" is missing.'),
+        (
+            lambda w: w.update(extra=np.zeros(1, np.float32)),
+            'tensor "extra" is too many; the card has 3 layers.',
+        ),
         (
             lambda w: w.update({"layer0.bias": np.zeros((3, 15), np.float32)}),
-            "'layer0.bias' has shape (3, 15); the card says (3, 16).",
+            "the shape of layer0.bias is [3, 15], but must be [3, 16].",
         ),
         (
             lambda w: w.update({"layer0.bias": np.zeros((3, 16))}),
-            "'layer0.bias' is of type float64: it must be float32 or float16.",
+            "layer0.bias is of type float64, but must be float32.",
         ),
         (
             lambda w: w.update({"layer0.bias": np.full((3, 16), np.nan, np.float32)}),
-            "'layer0.bias' holds a number that is not finite.",
+            "layer0.bias holds a number that is not finite.",
         ),
     ],
 )
@@ -279,11 +336,9 @@ def test_weights_that_do_not_fit_the_card_are_refused_both_ways(folder, card, we
     assert str(caught.value) == f"weights: {sentence}"
     assert load_policy(folder).card == card
     safetensors.numpy.save_file(weights, folder / "policy.safetensors")
-    told = refused(folder)
-    assert told in (
+    assert refused(folder) in (
         f"/policy.safetensors: {sentence}",
-        "/policy.safetensors: 'layer0.bias' is of type F64: it must be F32 or F16.",
-        "/policy.safetensors: 'extra' is of type F64: it must be F32 or F16.",
+        '/policy.safetensors: "layer0.bias" is of type F64, but must be F32 or F16.',
     )
 
 

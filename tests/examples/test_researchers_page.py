@@ -40,7 +40,7 @@ def run_folder(examples, tmp_path, monkeypatch):
     env = robosim.vector_env("paper", robots=2, num_envs=8, reward="local", episode_steps=60)
     weights = learn(env, steps=240, seed=0).parameters.to_numpy()
     folder = tmp_path / "runs" / "a" / "policy"
-    save_team(folder, weights, env, TECHNIQUES["iql+s"], seed=0, steps=240, wall_time=1.0)
+    save_team(folder, weights, env, "iql+s", seed=0, steps=240, wall_time=1.0)
     return tmp_path / "runs"
 
 
@@ -56,7 +56,7 @@ def test_the_python_runs_and_leaves_a_policy_for_evaluate_and_play(page, run_fol
     assert capsys.readouterr().out.splitlines()[0].startswith("[")
 
     card = robosim.load_policy(run_folder / "shared").card
-    assert (card.technique.name, card.training.steps, card.networks) == ("shared dqn", 240, 1)
+    assert (card.technique.name, card.training.steps, card.network.networks) == ("shared dqn", 240, 1)
     commands = re.findall(r"^    robosim ((?:evaluate|play) runs/shared.*)$", page, flags=re.MULTILINE)
     assert len(commands) == 2
     for command in commands:

@@ -32,16 +32,12 @@ def test_the_policy_folder_says_what_torchrl_s_networks_say(examples, tmp_path) 
     from saving import save_team
     from torchrl_iql import learn, weights_of
 
-    from robosim.learning.technique import TECHNIQUES
-
     before, networks = (learn("paper", 2, frames=frames, seed=0) for frames in (50, 100))
     assert not any(
         np.array_equal(weights_of(before)[name], array) for name, array in weights_of(networks).items()
     )
     env = robosim.vector_env("paper", robots=2, num_envs=16)
-    save_team(
-        tmp_path / "team", weights_of(networks), env, TECHNIQUES["iql+s"], seed=0, steps=100, wall_time=1.0
-    )
+    save_team(tmp_path / "team", weights_of(networks), env, "iql", seed=0, steps=100, wall_time=1.0)
     observation = np.random.default_rng(0).uniform(-1, 1, (100, 2, env.layout.size)).astype(np.float32)
     with torch.no_grad():
         values = networks(torch.from_numpy(observation)).numpy()

@@ -260,11 +260,11 @@ def test_a_team_with_one_network_is_resumed_to_the_same_bits_and_grows(tmp_path)
     resume(tmp_path / "run", lambda row: None)
     assert weights(tmp_path / "run") == weights(tmp_path / "whole")
     policy = load_policy(tmp_path / "run")
-    assert (policy.card.robots, policy.card.networks, policy.card.shared) == (2, 1, True)
+    assert (policy.card.robots, policy.card.network.networks, policy.card.network.shared) == (2, 1, True)
     never = replace(shared, robots=5, warmup=10_000, start_from=str(tmp_path / "run"), evaluation_episodes=0)
     run(tmp_path / "five", never)
     grown = load_policy(tmp_path / "five")
-    assert (grown.card.robots, grown.card.networks) == (5, 1)
+    assert (grown.card.robots, grown.card.network.networks) == (5, 1)
     run(tmp_path / "one", replace(never, robots=1))
     for name, array in policy.weights().items():
         for robots, folder in ((5, "five"), (1, "one")):
@@ -295,7 +295,8 @@ def test_a_curriculum_goes_on_from_a_shipped_team_with_its_layers_and_its_mask(t
     )
     run(tmp_path / "run", config)
     card = load_policy(tmp_path / "run").card
-    assert (card.technique.normalised, card.technique.action_mask, card.shared) == (True, True, False)
+    network = card.network
+    assert (network.normalisation, network.mask, network.shared) == ("rms", True, False)
     assert [stage.name for stage in card.training.stages] == ["newcomer 3", "newcomer 4"]
     shipped, team = load_policy("paper-2"), load_policy(tmp_path / "run")
     for name, array in shipped.weights().items():
@@ -459,8 +460,8 @@ def test_every_technique_trains_with_every_kind_of_action_and_observation(
     result, rows = run(tmp_path / "run", config)
     assert rows[-1].step >= 120
     card = load_policy(tmp_path / "run").card
-    assert (card.technique.name, card.observation.encoding, card.actions) == (technique, encoding, actions)
-    assert card.observation.stigmergy is (technique in ("iql+gs", "smadrl", "ps-dqn"))
+    assert (card.technique.name, card.env.encoding, card.env.actions) == (technique, encoding, actions)
+    assert card.env.stigmergy is (technique in ("iql+gs", "smadrl", "ps-dqn"))
     assert result.evaluation.robots == 3
 
 

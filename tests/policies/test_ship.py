@@ -3,22 +3,14 @@
 import importlib.util
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 import safetensors.numpy
 
-from robosim.arena.schema import RobotSection, TimingSection
-from robosim.control.card import (
-    NetworkCard,
-    ObservationCard,
-    PolicyCard,
-    TechniqueCard,
-    TrainingCard,
-    arena_card,
-)
+from robosim.control.card import TrainingCard, card_for
+from robosim.control.network import NetworkSpec
 from robosim.control.policy import load_policy, save_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
@@ -32,27 +24,13 @@ spec.loader.exec_module(tool)
 def make_run(folder, robots=2, hidden=(8,), command="robosim train --seed 1 --out /somewhere/x", alike=()):
     """Write a run folder as training leaves it, with random weights; `alike` robots run that of robot 0."""
     env = VectorEnv("paper", robots=robots)
-    layout = env.layout
-    card = PolicyCard(
-        robots=robots,
-        technique=TechniqueCard(name="iql+s", global_reward=False, stigmergy=True, curriculum=False),
-        arena=arena_card(env.arena),
-        observation=ObservationCard(encoding="expanded", stigmergy=True, names=tuple(layout.names)),
-        actions="cardinal",
-        num_actions=5,
-        network=NetworkCard(hidden=hidden),
-        robot=RobotSection(**asdict(env.arena.robot)),
-        timing=TimingSection(**asdict(env.arena.timing)),
-        training=TrainingCard(command=command, seed=1, steps=10, wall_time=1.5, versions={"numpy": "2"}),
-    )
+    spec = NetworkSpec(inputs=env.layout.size, hidden=hidden, of_robot=tuple(range(robots)))
     rng = np.random.default_rng(0)
-    weights = {}
-    for layer, (inputs, outputs) in enumerate(card.layers):
-        weights[f"layer{layer}.weight"] = rng.normal(size=(robots, inputs, outputs)).astype(np.float32)
-        weights[f"layer{layer}.bias"] = rng.normal(size=(robots, outputs)).astype(np.float32)
+    weights = {name: rng.normal(size=shape).astype(np.float32) for name, shape in spec.shapes.items()}
     for array in weights.values():
         array[list(alike)] = array[0]
-    save_policy(folder / "policy", weights, card)
+    training = TrainingCard(command=command, seed=1, steps=10, wall_time=1.5, versions={"numpy": "2"})
+    save_policy(folder / "policy", weights, card_for(env, spec, weights, "iql+s", training))
     return folder
 
 
@@ -72,7 +50,7 @@ def test_ships_whole_with_evaluation_reference_and_notes(tmp_path, capsys):
     for evaluation, controller in ((card.evaluation, "paper-2"), (card.reference, "lanes")):
         assert (evaluation.controller, evaluation.arena, evaluation.robots) == (controller, "paper", 2)
         assert (evaluation.seed, evaluation.episodes, evaluation.episode_steps) == (7, 2, 20)
-    observation = np.random.default_rng(1).normal(size=(20, 2, len(card.observation.names)))
+    observation = np.random.default_rng(1).normal(size=(20, 2, len(card.observation)))
     assert (shipped.values(observation) == load_policy(run).values(observation)).all()
 
 
@@ -102,7 +80,7 @@ def test_equal_networks_are_stored_once(tmp_path):
     assert card.network.of_robot == (0, 1, 0, 0)
     stored = safetensors.numpy.load_file(tmp_path / "to" / "p" / "policy.safetensors")
     assert {len(array) for array in stored.values()} == {2}
-    observation = np.random.default_rng(1).normal(size=(20, 4, len(card.observation.names)))
+    observation = np.random.default_rng(1).normal(size=(20, 4, len(card.observation)))
     shipped = load_policy(tmp_path / "to" / "p")
     assert (shipped.values(observation) == load_policy(run).values(observation)).all()
     again = ship(tmp_path / "to" / "p", "q", tmp_path / "to")

@@ -78,7 +78,8 @@ def shuffled(name: str) -> Policy:
 
 def test_policies_ship_and_nothing_lies_beside_them():
     assert policy_names()
-    assert sorted(path.name for path in find_policy(policy_names()[0]).parent.iterdir()) == policy_names()
+    beside = [path.name for path in find_policy(policy_names()[0]).parent.iterdir()]
+    assert sorted(beside) == sorted(policy_names())
 
 
 @shipped
@@ -98,7 +99,6 @@ def test_card_is_complete(name):
     assert card.training.steps > 0
     assert card.training.wall_time > 0
     assert {"robosim", "numpy", "torch"} <= card.training.versions.keys()
-    assert card.network.precision is not None
     claim, reference = card.evaluation, card.reference
     assert claim is not None
     assert reference is not None
@@ -117,7 +117,9 @@ def test_loads_by_name_from_anywhere_and_fits_its_arena(name, tmp_path, monkeypa
     assert name not in SCRIPTED
     controller = robosim.make_controller(name)
     assert isinstance(controller, LearnedController)
-    assert controller.policy.card.arena.name in arena_names()
+    card = controller.policy.card
+    assert card.arena.name in arena_names()
+    assert card.env.arena == load_arena(card.arena.name).text
     controller.reset(environment_for(controller))
 
 
