@@ -96,7 +96,7 @@ class Evaluation(Record):
     delivered: Many[Many[Count]] = Field(min_length=1)
     """[episodes][robots] pellets that each robot delivered."""
     collisions: Many[Count]
-    """[episodes] decisions in which robots touched another under way, summed over robots."""
+    """[episodes] decisions in which robots that did not stop touched another, summed over robots."""
 
     @property
     def episodes(self) -> int:

@@ -14,8 +14,8 @@ from robosim.control.seek import (
     Bools,
     Floats,
     Integers,
-    blocked_ways,
     cells_of,
+    moves_blocked_by_robots,
     require_cardinal,
     toward_pellets,
 )
@@ -77,17 +77,17 @@ class LanesController:
         axis = routes.axis[heading_out, row, column]
         cost = np.where((axis[..., None] >= 0) & (np.arange(4) != axis[..., None]), np.inf, cost)
         here = routes.cost[heading_out, row, column]
-        blocked = blocked_ways(env)
+        blocked = moves_blocked_by_robots(env)
         in_source = (routes.zones[row, column] == Zone.SOURCE) & (heading_out == INBOUND)
         if in_source.any():
             cost = toward_pellets(env, in_source, cell, cost)
         wish = np.where(blocked, np.inf, cost)
         best = cost.argmin(axis=2)
         chosen = wish.argmin(axis=2)
-        open_way = np.take_along_axis(wish, chosen[..., None], axis=2)[..., 0]
+        least = np.take_along_axis(wish, chosen[..., None], axis=2)[..., 0]
         # Around an obstacle sideways, never back: a queue waits. In a tunnel nobody leaves the lane.
         may_pass = (chosen == best) | (routes.zones[row, column] != Zone.TUNNEL)
-        passable = may_pass & ((open_way <= here) | in_source) & np.isfinite(open_way)
+        passable = may_pass & ((least <= here) | in_source) & np.isfinite(least)
         action = np.where(passable, chosen, STOP)
         if routes.gates:
             self._hold_at_gates(row, column, heading_out, best, action)
@@ -98,12 +98,12 @@ class LanesController:
     def _back_off(
         self, env: VectorEnv, blocked: Bools, cost: Floats, best: Integers, action: Integers
     ) -> Integers:
-        """Let robots that have stood still for long, and wanted to move, give way for some decisions."""
+        """Let robots that have stood still for long, and wanted to move, back off for some decisions."""
         pose = env.world.state.pose
         moved = np.abs(pose[..., :2] - self._last[..., :2]).sum(axis=2)
         turned = np.abs(np.sin(0.5 * (pose[..., 2] - self._last[..., 2])))
         self._last = pose.copy()
-        still = (moved < 0.1 * env.arena.robot.top_speed * env.arena.timing.decision_period) & (turned < 0.05)
+        still = (moved < 0.1 * env.world.travel) & (turned < 0.05)
         held_back = still & (self._held_at_gate_mask(env, action) == 0)
         self._waited = np.where(held_back, self._waited + 1, 0)
         # Robots lose patience one after the other, or two that block each other would mirror each other.
@@ -111,10 +111,10 @@ class LanesController:
         fed_up = (self._waited > patience) | self._without_headway(env, action)
         fed_up &= self._backing == 0
         if fed_up.any():
-            ways = np.where(blocked | ~np.isfinite(cost), -np.inf, cost)
-            # The way back first; when that has not helped, the next best ways away from the goal.
-            order = np.argsort(-ways, axis=2, kind="stable")
-            possible = np.isfinite(ways).sum(axis=2)
+            open_moves = np.where(blocked | ~np.isfinite(cost), -np.inf, cost)
+            # Straight back first; when that has not helped, the next best moves away from the goal.
+            order = np.argsort(-open_moves, axis=2, kind="stable")
+            possible = np.isfinite(open_moves).sum(axis=2)
             which = self._attempts % np.maximum(possible - 1, 1)
             retreat = np.take_along_axis(order, which[..., None], axis=2)[..., 0]
             self._escape = np.where(fed_up, np.where(possible > 0, retreat, REVERSE[best]), self._escape)
@@ -126,7 +126,7 @@ class LanesController:
         return action.astype(np.int64)
 
     def _judge_headway(self, heading_out: Integers, here: Floats) -> None:
-        """Forget failed attempts to get free once a robot is nearer to its goal than ever on this way."""
+        """Forget failed attempts to get free once a robot is nearer to its goal than ever on this trip."""
         turned = heading_out != self._heading_out
         self._attempts[turned | (here < self._nearest)] = 0
         self._nearest = np.where(turned, here, np.minimum(self._nearest, here))
@@ -150,7 +150,7 @@ class LanesController:
         return self._waiting.astype(np.int64)
 
     def _follow_convoy(self, row: Integers, column: Integers, heading_out: Integers) -> Integers:
-        """Inside a one-robot-wide tunnel everybody goes the way that is open, whatever they carry."""
+        """Inside a one-robot-wide tunnel everybody goes in the open direction, whatever they carry."""
         heading = heading_out.copy()
         inside = self._routes.gate[row, column]
         for env, robot in np.argwhere(inside >= 0).tolist():
@@ -168,14 +168,14 @@ class LanesController:
         near = np.maximum(routes.gate[ahead_row, ahead_column], routes.mouth[ahead_row, ahead_column])
         coming = (inside < 0) & (near >= 0) & (routes.zones[row, column] != Zone.TUNNEL)
         closer = routes.cost[heading_out, ahead_row, ahead_column] < routes.cost[heading_out, row, column]
-        # A robot that has just left the tunnel is near the mouth too, but its way leads off from it.
+        # A robot that has just left the tunnel is near the mouth too, but its route leads off from it.
         entering = coming & closer & (self._tunnel_ahead(row, column, heading_out))
         self._waiting = np.zeros(action.shape, dtype=np.bool_)
         for env, gates in enumerate(self._gates):
             for number, gate in enumerate(gates):
                 in_tunnel = inside[env] == number
                 waiting = entering[env] & (near[env] == number)
-                demand = [int((waiting & (heading_out[env] == way)).sum()) for way in (INBOUND, OUTBOUND)]
+                demand = [int((waiting & (heading_out[env] == one)).sum()) for one in (INBOUND, OUTBOUND)]
                 gate.update(int(in_tunnel.sum()), demand, action.shape[1])
                 refused = waiting & ((heading_out[env] != gate.direction) | (not gate.open))
                 action[env, refused] = STOP
@@ -184,12 +184,12 @@ class LanesController:
     def _clear_mouths(self, row: Integers, column: Integers, blocked: Bools, action: Integers) -> None:
         """Send the robots that wait in front of a mouth aside, so that others come out; changes `action`."""
         routes, steps = self._routes, CARDINAL_STEPS[:4]
-        in_the_way = self._waiting & (routes.mouth[row, column] >= 0)
+        obstructs = self._waiting & (routes.mouth[row, column] >= 0)
         aside = routes.aside[row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
         aside = np.where(blocked, np.inf, aside)
         best = aside.argmin(axis=2)
         useful = np.take_along_axis(aside, best[..., None], axis=2)[..., 0] < routes.aside[row, column]
-        np.copyto(action, np.where(in_the_way & useful, best, action))
+        np.copyto(action, np.where(obstructs & useful, best, action))
 
     def _tunnel_ahead(self, row: Integers, column: Integers, heading_out: Integers) -> Bools:
         """Return whose goal lies beyond the tunnel: the source for inbound, the home for outbound robots."""
@@ -199,7 +199,7 @@ class LanesController:
 
 
 class _Gate:
-    """Right of way in a tunnel one robot wide: one direction at a time, taking turns."""
+    """Priority in a tunnel one robot wide: one direction at a time, taking turns."""
 
     def __init__(self) -> None:
         self.direction = INBOUND

@@ -1,9 +1,9 @@
 """Teams without a plan for their traffic: the protocols Active, Reversal and Lorenz of excavating robots.
 
 After Aguilar et al. 2018, "Collective clog control: Optimizing traffic flow in confined biological and
-robophysical excavation", Science 361, 672-677. There, Active robots always go; Reversal robots abandon the
-way with a small probability when they have not reached the face within a set time; each Lorenz robot has
-its own probability to go again. Numbers that this leaves open are ours, and are marked so below.
+robophysical excavation", Science 361, 672-677. There, Active robots always go; Reversal robots give up and
+turn round with a small probability when they have not reached the face within a set time; each Lorenz robot
+has its own probability to go again. Numbers that this leaves open are ours, and are marked so below.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from robosim.control.seek import (
     Bools,
     Floats,
     Integers,
-    blocked_ways,
     cells_of,
+    moves_blocked_by_robots,
     require_cardinal,
     toward_pellets,
 )
@@ -38,9 +38,9 @@ FREEING = 4
 SLIP = 0.5
 """Where robots stand on cells, the probability to try a side at which a robot ahead might be passed; ours."""
 GIVE_UP = 0.34
-"""Probability to give up each time that the time for the way runs out, from the cellular automaton."""
+"""Probability to give up each time that the time for the route runs out, from the cellular automaton."""
 SLACK = 1.5
-"""Time for the way to the source, in times of what the way takes at top speed; ours."""
+"""Time for the route to the source, in times of what it takes at top speed; ours."""
 TURNS = 10
 """Time for turns that is added to it, in decisions; ours."""
 GINI = 0.74
@@ -52,9 +52,9 @@ HOME, SOURCE, ASIDE = range(3)
 
 
 class ActiveController:
-    """Every robot always goes, the shortest way, and minds nobody: no lanes, no yielding, no backing off.
+    """Every robot always goes, by the shortest route: no lanes, no yielding, no backing off.
 
-    A robot that is wedged between walls and pellets, and touches no other, tries another way for a while,
+    A robot that is wedged between walls and pellets, and touches no other, tries another move for a while,
     drawn at random. That clears no traffic, but without it a long robot on its own ends its work at
     the mouth of a tunnel.
 
@@ -68,14 +68,14 @@ class ActiveController:
         self._seed = seed
         self._arena: Arena | None = None
         self._zones: NDArray[np.uint8]
-        self._ways: Floats
+        self._costs: Floats
 
     def reset(self, env: VectorEnv) -> None:
         require_cardinal(self.name, env)
         if env.arena is not self._arena:
             self._arena = env.arena
             self._zones = np.pad(env.arena.zones, 1, constant_values=int(Zone.WALL))
-            self._ways = _plan_ways(env.arena, self._zones)
+            self._costs = _costs_to_goals(env.arena, self._zones)
         # One generator an environment, so that a batch acts as its members would alone.
         self._rngs = [
             np.random.default_rng(np.random.SeedSequence((self._seed, seed, env.episode)))
@@ -90,35 +90,35 @@ class ActiveController:
         row, column = cell[..., 1], cell[..., 0]
         zone = self._zones[row, column]
         laden = env.world.state.held >= 0
-        goal = self._goals(zone, laden, self._ways[SOURCE, row, column])
+        goal = self._goals(zone, laden, self._costs[SOURCE, row, column])
         steps = CARDINAL_STEPS[:4]
-        cost = self._ways[goal[..., None], row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
+        cost = self._costs[goal[..., None], row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
         digging = ~laden & (goal == SOURCE) & (zone == Zone.SOURCE)
         if digging.any():
             cost = toward_pellets(env, digging, cell, cost)
-        nearer = cost < self._ways[goal, row, column][..., None]
+        nearer = cost < self._costs[goal, row, column][..., None]
         possible = np.isfinite(cost)
         wish = np.where(nearer | digging[..., None], cost, np.inf)
         aside = goal == ASIDE
         if aside.any():
-            wish = np.where(aside[..., None] & blocked_ways(env), np.inf, wish)
+            wish = np.where(aside[..., None] & moves_blocked_by_robots(env), np.inf, wish)
         action = np.where(np.isfinite(wish).any(axis=2), wish.argmin(axis=2), STOP)
         return self._freed(env, possible, action)
 
-    def _goals(self, zone: NDArray[np.uint8], laden: Bools, way: Floats) -> Integers:
-        """Return what the robots are headed for; `way` is theirs to the source, in cells; [envs, robots]."""
+    def _goals(self, zone: NDArray[np.uint8], laden: Bools, distance: Floats) -> Integers:
+        """Return what the robots are headed for, [envs, robots]; `distance` is to the source, in cells."""
         return np.where(laden, HOME, SOURCE)
 
     def _freed(self, env: VectorEnv, possible: Bools, action: Integers) -> Integers:
-        """Return the actions, those of robots that free themselves changed; `possible` ways are no walls."""
+        """Return the actions, those of robots that free themselves changed; `possible` moves meet no wall."""
         if env.world.on_cells:
             return self._slipping(env, possible, action)
         robot, wall, pellet = env.world.state.touched
         wedged = (env.dec_pomdp.in_place > WEDGED) & (wall | pellet) & ~robot
         wedged &= (action != STOP) & (self._freeing == 0)
         if wedged.any():
-            ways = np.arange(4) != action[..., None]
-            escape = np.where(possible & ways, self._draw(wedged, 4), 2.0).argmin(axis=2)
+            others = np.arange(4) != action[..., None]
+            escape = np.where(possible & others, self._draw(wedged, 4), 2.0).argmin(axis=2)
             self._escape = np.where(wedged, escape, self._escape)
             self._freeing = np.where(wedged, FREEING, self._freeing)
         action = np.where(self._freeing > 0, self._escape, action)
@@ -148,23 +148,22 @@ class _RestingController(ActiveController):
 
     def reset(self, env: VectorEnv) -> None:
         super().reset(env)
-        sheet, timing = env.arena.robot, env.arena.timing
-        self._cell_time = env.arena.cell_size / (sheet.top_speed * timing.decision_period)
-        shortest = float(self._ways[SOURCE][self._zones == Zone.HOME].min())
+        self._cell_time = env.arena.cell_size / env.world.travel
+        shortest = float(self._costs[SOURCE][self._zones == Zone.HOME].min())
         self._round_trip = math.ceil(2.0 * shortest * self._cell_time)
         # Decisions left of each robot's rest; they count in the home only, and a laden robot rests no more.
         self._rest = np.zeros((env.num_envs, env.robots), dtype=np.int64)
 
-    def _goals(self, zone: NDArray[np.uint8], laden: Bools, way: Floats) -> Integers:
+    def _goals(self, zone: NDArray[np.uint8], laden: Bools, distance: Floats) -> Integers:
         in_home = zone == Zone.HOME
         rested = in_home & (self._rest == 1)
         self._rest = np.where(laden, 0, self._rest - (in_home & (self._rest > 0)))
-        begins = self._begins_rest(zone, laden, way, rested)
+        begins = self._begins_rest(zone, laden, distance, rested)
         self._rest = np.where(begins, self._round_trip, self._rest)
         rests = self._rest > 0
         return np.where(laden | (rests & ~in_home), HOME, np.where(rests, ASIDE, SOURCE))
 
-    def _begins_rest(self, zone: NDArray[np.uint8], laden: Bools, way: Floats, rested: Bools) -> Bools:
+    def _begins_rest(self, zone: NDArray[np.uint8], laden: Bools, distance: Floats, rested: Bools) -> Bools:
         """Return who is to rest from now on; `rested` has just done so; [envs, robots]."""
         raise NotImplementedError
 
@@ -172,10 +171,10 @@ class _RestingController(ActiveController):
 class ReversalController(_RestingController):
     """As `active`, but a robot that has not reached the source in time may give up and turn round.
 
-    The time is that of the free way, with some slack. Each time that it runs out, the robot gives up with
-    probability `GIVE_UP`, or else has the time of what is left of the way. Who has given up drives
-    home, rests there for the time of a free round trip, or the next ones would find it in their way
-    again, and tries anew.
+    The time is that of the free route, with some slack. Each time that it runs out, the robot gives up with
+    probability `GIVE_UP`, or else has the time of what is left of it. Who has given up drives
+    home, rests there for the time of a free round trip, or the next ones would find it in front of
+    them again, and tries anew.
     """
 
     name = "reversal"
@@ -186,12 +185,12 @@ class ReversalController(_RestingController):
         self._under_way = np.zeros(shape, dtype=np.bool_)
         self._time_left = np.zeros(shape)
 
-    def _begins_rest(self, zone: NDArray[np.uint8], laden: Bools, way: Floats, rested: Bools) -> Bools:
+    def _begins_rest(self, zone: NDArray[np.uint8], laden: Bools, distance: Floats, rested: Bools) -> Bools:
         under_way = ~laden & (self._rest == 0) & (zone != Zone.SOURCE)
         self._time_left -= 1
         late = under_way & self._under_way & (self._time_left <= 0)
         gives_up = np.asarray(late & (self._draw(late) < GIVE_UP))
-        time = TURNS + SLACK * self._cell_time * way
+        time = TURNS + SLACK * self._cell_time * distance
         self._time_left = np.where(under_way & (late | ~self._under_way), time, self._time_left)
         self._under_way = under_way & ~gives_up
         return gives_up
@@ -213,7 +212,7 @@ class LorenzController(_RestingController):
         self._away = np.zeros((env.num_envs, env.robots), dtype=np.bool_)
         self._rest[self._stays(~self._away)] = self._round_trip
 
-    def _begins_rest(self, zone: NDArray[np.uint8], laden: Bools, way: Floats, rested: Bools) -> Bools:
+    def _begins_rest(self, zone: NDArray[np.uint8], laden: Bools, distance: Floats, rested: Bools) -> Bools:
         draws = (zone == Zone.HOME) & ~laden & (self._away | rested)
         self._away = (self._away | laden) & ~draws
         return self._stays(draws)
@@ -229,10 +228,10 @@ def lorenz_probabilities(robots: int) -> Floats:
     return np.asarray(ranks**STEEPNESS)
 
 
-def _plan_ways(arena: Arena, zones: NDArray[np.uint8]) -> Floats:
-    """Return what is to fall on the way to each goal, [3, rows + 2, columns + 2]; inf in walls.
+def _costs_to_goals(arena: Arena, zones: NDArray[np.uint8]) -> Floats:
+    """Return what is to fall on the route to each goal, [3, rows + 2, columns + 2]; inf in walls.
 
-    For home and source, the shortest way over cells, in cells, that leaves a long robot room to turn; for
+    For home and source, the shortest route over cells, in cells, that leaves a long robot room to turn; for
     `ASIDE`, which is inf outside the home too, less the distance to the source in m.
     """
     free, home = zones != Zone.WALL, zones == Zone.HOME

@@ -1,4 +1,4 @@
-"""What scripted controllers share: where robots stand on the map, what is close ahead, the pellet to take."""
+"""What scripted controllers share: where robots stand on the map, who is close ahead, the pellet to take."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def cells_of(env: VectorEnv) -> Integers:
     return np.floor(place * (1.0 / env.arena.cell_size)).astype(np.int64) + 1
 
 
-def blocked_ways(env: VectorEnv) -> Bools:
-    """Return which of the four ways are blocked by another robot close ahead, [envs, robots, 4]."""
+def moves_blocked_by_robots(env: VectorEnv) -> Bools:
+    """Return which of the four moves another robot close ahead blocks, [envs, robots, 4]."""
     if env.world.on_cells:
         return _taken_cells(env)
     place = env.world.state.pose[..., :2]
@@ -57,7 +57,7 @@ def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats)
     """Return costs [envs, robots, 4] that lead the seekers to the pellet they can grip soonest.
 
     `cell` is what `cells_of` returns, `cost` that of the four neighbouring cells, inf for walls. A pellet
-    can be gripped when it lies ahead in the strip that the gripper sweeps on the way to the middle of the
+    can be gripped when it lies ahead in the strip that the gripper sweeps up to the middle of the
     neighbouring cell. Where robots stand on cells, it is the pellet in the nearest cell.
     """
     if env.world.on_cells:
@@ -66,21 +66,22 @@ def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats)
     envs, robots = np.nonzero(seekers)
     pose = state.pose[envs, robots]
     target = (cell[envs, robots][:, None] + CARDINAL_STEPS[:4] - 0.5) * env.arena.cell_size
-    way = target - pose[:, None, :2]
-    way /= np.sqrt((way**2).sum(axis=2, keepdims=True))
+    direction = target - pose[:, None, :2]
+    direction /= np.sqrt((direction**2).sum(axis=2, keepdims=True))
     apart = state.pellets[envs] - pose[:, None, :2]
-    along = np.einsum("mac,mpc->map", way, apart)
-    across = np.abs(way[..., 0:1] * apart[:, None, :, 1] - way[..., 1:2] * apart[:, None, :, 0])
+    along = np.einsum("mac,mpc->map", direction, apart)
+    across = np.abs(direction[..., 0:1] * apart[:, None, :, 1] - direction[..., 1:2] * apart[:, None, :, 0])
     sweep = 0.8 * (sheet.gripper_reach + env.arena.pellets.radius)
     loose = (state.pellet_status[envs] == PelletStatus.LOOSE)[:, None]
     there = np.where(loose & (along > 0.0) & (across < sweep), along, np.inf).min(axis=2)
-    # Turning costs the way that the robot could drive in the same time.
-    turn = np.arccos(np.clip(way[..., 0] * np.cos(pose[:, 2:]) + way[..., 1] * np.sin(pose[:, 2:]), -1, 1))
+    # Turning costs the distance that the robot could drive in the same time.
+    along_heading = direction[..., 0] * np.cos(pose[:, 2:]) + direction[..., 1] * np.sin(pose[:, 2:])
+    turn = np.arccos(np.clip(along_heading, -1, 1))
     there += turn * (sheet.top_speed / sheet.top_turn_rate)
     distance = np.where(loose[:, 0], (apart**2).sum(axis=2), np.inf)
     nearest = apart[np.arange(len(apart)), distance.argmin(axis=1)]
     # With nothing in reach, the general direction of the nearest pellet; always worse than a sure one.
-    there = np.where(np.isfinite(there), there, 1e3 - np.einsum("mac,mc->ma", way, nearest))
+    there = np.where(np.isfinite(there), there, 1e3 - np.einsum("mac,mc->ma", direction, nearest))
     changed = cost.copy()
     changed[envs, robots] = np.where(np.isfinite(cost[envs, robots]), there, np.inf)
     return changed

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import robosim.control.policy as policy_module
+from robosim.arena import load_arena, parse_arena
 from robosim.cli.main import main
 from robosim.control.card import (
     Evaluation,
     PolicyCard,
     StageCard,
     TrainingCard,
+    arena_card,
     card_for,
     card_text,
 )
@@ -179,6 +181,29 @@ def test_evaluate_takes_a_name(
     assert capsys.readouterr().out.startswith("paper-2 in paper, 2 robots, 1 episodes of 5 decisions:")
     assert main(["evaluate", "papr-2"]) == 2
     assert capsys.readouterr().err.endswith("did you mean paper-2?\n")
+
+
+def test_a_policy_of_an_own_arena_takes_it_along_and_its_report_can_be_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arena = load_arena("paper")
+    text = arena.text.replace('name = "paper"', 'name = "my cave"')
+    about = arena_card(parse_arena(text, "my cave"))
+    env = VectorEnv("paper", robots=2).config.changed(arena=text)
+    make_policy(tmp_path / "p", env=env, arena=about, evaluation=None, reference=None)
+    monkeypatch.chdir(tmp_path)
+    assert main(["evaluate", "p", "--episodes", "1", "--steps", "5", "--report", "out"]) == 0
+    assert capsys.readouterr().out.startswith("p in my cave, 2 robots, 1 episodes of 5 decisions:")
+    command = json.loads((tmp_path / "out" / "metrics.json").read_text())["command"]
+    assert command == "robosim evaluate p --robots 2 --episodes 1 --steps 5 --seed 0 --report FOLDER"
+    assert main(command.replace("FOLDER", "again").split()[1:]) == 0
+
+
+def test_the_world_must_be_one_that_there_is(ships: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    make_policy(ships / "paper-2")
+    command = ["evaluate", "paper-2", "--episodes", "1", "--steps", "5"]
+    assert main([*command, "--world", "physics"]) == 0
+    assert main([*command, "--world", "water"]) == 2
 
 
 def test_help_and_piped_output_are_plain() -> None:

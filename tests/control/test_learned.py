@@ -41,7 +41,7 @@ def test_a_fitting_policy_drives(fitting, weights_of):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "reason"),
     [
         ({"robots": 3}, "robots was 2 in training and is 3 here."),
         ({"actions": "wheels"}, "actions was cardinal in training and is wheels here."),
@@ -49,18 +49,18 @@ def test_a_fitting_policy_drives(fitting, weights_of):
         ({"encoding": "paper"}, "observation encoding was expanded in training and is paper here."),
     ],
 )
-def test_another_environment_is_refused_in_one_sentence(fitting, weights_of, options, told):
+def test_another_environment_is_refused_in_one_sentence(fitting, weights_of, options, reason):
     env = VectorEnv("paper", **({"robots": 2} | options))
     with pytest.raises(InputError) as caught:
         controller(fitting(), weights_of).reset(env)
-    assert str(caught.value) == f"policy mine does not fit arena 'paper': {told}"
+    assert str(caught.value) == f"policy mine does not fit arena 'paper': {reason}"
 
 
 def test_another_body_cell_or_clock_is_refused(fitting, weights_of):
     env = VectorEnv("paper", robots=2)
     arena = arena_card(env.arena)
     period = env.arena.timing.decision_period
-    for changes, told in (
+    for changes, reason in (
         ({"robot": RobotSection(mass=0.5)}, "robot mass was 0.5 in training and is 0.4 here."),
         ({"cell_size": 0.2}, "cell size (m) was 0.2 in training and is 0.15 here."),
         (
@@ -70,7 +70,7 @@ def test_another_body_cell_or_clock_is_refused(fitting, weights_of):
     ):
         with pytest.raises(InputError, match="does not fit") as caught:
             controller(fitting(arena=arena.changed(**changes)), weights_of).reset(env)
-        assert str(caught.value).endswith(told)
+        assert str(caught.value).endswith(reason)
 
 
 def test_another_world_may_keep_another_time_but_not_another_body(fitting, weights_of):

@@ -240,3 +240,40 @@ def test_weights_that_do_not_fit_are_refused(change, sentence):
     with pytest.raises(InputError) as caught:
         Networks(spec, weights)
     assert str(caught.value) == sentence
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    exponent=st.floats(0, 38),
+    activation=st.sampled_from(["relu", "tanh"]),
+    normalisation=st.sampled_from(["none", "rms"]),
+    seed=st.integers(0, 100),
+)
+def test_what_is_accepted_never_overflows(exponent, activation, normalisation, seed):
+    spec = NetworkSpec(
+        inputs=4, hidden=(8, 8), activation=activation, normalisation=normalisation, of_robot=(0, 1)
+    )
+    rng = np.random.default_rng(seed)
+    scale = 10.0 ** rng.uniform(0, exponent, len(spec.shapes))
+    weights = {
+        name: np.clip(array * one, -3e38, 3e38).astype(np.float32)
+        for (name, array), one in zip(weights_of(spec, seed).items(), scale, strict=True)
+    }
+    try:
+        networks = Networks(spec, weights)
+    except InputError as error:
+        assert str(error).startswith("weights: numbers in layer")
+        return
+    observation = rng.choice(np.array([-1, 0, 1], np.float32), (200, 2, 4))
+    with np.errstate(over="raise", invalid="raise"):
+        assert np.isfinite(networks.outputs(observation)).all()
+
+
+def test_weights_that_overflow_are_refused_with_the_layer_and_the_bound():
+    spec = NetworkSpec(inputs=2, hidden=(1,), of_robot=(0,))
+    weights = {name: np.full(shape, 2e19, np.float32) for name, shape in spec.shapes.items()}
+    with pytest.raises(InputError) as caught:
+        Networks(spec, weights)
+    assert str(caught.value) == (
+        "weights: numbers in layer1 may reach 1.2e+39, but must stay below 3.4e+38, or they overflow."
+    )

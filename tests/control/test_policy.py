@@ -158,17 +158,19 @@ def test_few_stored_networks_cannot_fill_the_memory(tmp_path, card_of):
 
 
 @pytest.mark.parametrize("normalisation", ["none", "rms"])
-def test_weights_that_overflow_together_are_refused_both_ways(folder, card_of, weights_of, normalisation):
+def test_weights_that_overflow_together_are_refused_in_both_directions(
+    folder, card_of, weights_of, normalisation
+):
     card = card_of(network={"normalisation": normalisation})
     weights = {name: array * np.float32(1e30) for name, array in weights_of(card).items()}
     with pytest.raises(InputError) as caught:
         save_policy(folder, weights, card)
-    told = str(caught.value).removeprefix("weights: ")
-    assert told.startswith("numbers in layer")
-    assert told.endswith(", or they overflow.")
+    reason = str(caught.value).removeprefix("weights: ")
+    assert reason.startswith("numbers in layer")
+    assert reason.endswith(", or they overflow.")
     (folder / "card.json").write_text(card_text(card))
     safetensors.numpy.save_file(weights, folder / "policy.safetensors")
-    assert refused(folder) == f"/policy.safetensors: {told}"
+    assert refused(folder) == f"/policy.safetensors: {reason}"
 
 
 @pytest.mark.parametrize(("said", "other"), [("float32", "float16"), ("float16", "float32")])
@@ -328,7 +330,9 @@ def test_huge_header_and_huge_file_are_refused_unread(folder):
         ),
     ],
 )
-def test_weights_that_do_not_fit_the_card_are_refused_both_ways(folder, card, weights_of, change, sentence):
+def test_weights_that_do_not_fit_the_card_are_refused_in_both_directions(
+    folder, card, weights_of, change, sentence
+):
     weights = weights_of(card)
     change(weights)
     with pytest.raises(InputError) as caught:

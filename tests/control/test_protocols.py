@@ -28,7 +28,7 @@ class Watched:
         self.env.autoreset = False
         self.collisions = np.zeros(envs, dtype=np.int64)
         self.came_back = np.zeros((envs, robots), dtype=np.int64)
-        """[envs, robots] returns to the home from the tunnel with nothing taken on the way."""
+        """[envs, robots] returns to the home from the tunnel with nothing taken on the trip."""
         self.left_home = np.zeros((envs, robots), dtype=np.bool_)
         actions, self.zones = [], []
         seeking = np.zeros((envs, robots), dtype=np.bool_)
@@ -61,7 +61,7 @@ def gini(values: np.ndarray) -> float:
 
 @pytest.fixture(scope="module")
 def head_on() -> dict[str, Watched]:
-    """Two robots, one at each end of a tunnel one robot wide: they meet on the first way."""
+    """Two robots, one at each end of a tunnel one robot wide: they meet on the first trip."""
     poses = "\n[start]\nposes = [[0.4, 0.6, 0.0], [3.0, 0.6, 0.0]]\n"
     arena = parse_arena(load_arena("single-lane").text + poses, "head-on")
     return {
@@ -76,7 +76,7 @@ def lorenz_team() -> Watched:
 
 
 def test_one_robot_on_paper_brings_as_much_as_one_that_keeps_lanes() -> None:
-    """46 in 5000 decisions, that is 9.2 in 1000; without lanes the way is a little shorter."""
+    """46 in 5000 decisions, that is 9.2 in 1000; without lanes the route is a little shorter."""
     assert 9 <= Watched(ActiveController(), "paper", 1, envs=1, decisions=1000, seed=21).delivered.sum() <= 11
 
 
@@ -136,7 +136,7 @@ def test_work_of_lorenz_is_unequal(lorenz_team) -> None:
     assert gini(work) > 0.55
 
 
-def test_robots_with_the_smallest_probability_stay_at_home_out_of_the_way(lorenz_team) -> None:
+def test_robots_with_the_smallest_probability_stay_at_home_and_obstruct_nobody(lorenz_team) -> None:
     env, zones = lorenz_team.env, np.array(lorenz_team.zones)
     assert (lorenz_team.delivered[:, -2:] == 0).all()
     assert (zones[20:, :, -2:] == Zone.HOME).all()

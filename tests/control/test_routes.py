@@ -15,7 +15,7 @@ def arena_of(drawing: str, robot: str = "") -> Arena:
     return parse_arena(text, "drawn")
 
 
-def way(arena: Arena, row: int, column: int, direction: int) -> list[tuple[int, int]]:
+def route(arena: Arena, row: int, column: int, direction: int) -> list[tuple[int, int]]:
     """Return the cells (row, column, of the arena) from one to the goal, each step downhill."""
     cost = plan_routes(arena).cost[direction]
     cells = [(row, column)]
@@ -39,7 +39,7 @@ def ends(arena: Arena) -> tuple[tuple[int, int], tuple[int, int]]:
     return tuple(home[len(home) // 2]), tuple(source[len(source) // 2])
 
 
-def test_costs_are_those_of_the_shortest_ways_by_a_slow_reference() -> None:
+def test_costs_are_those_of_the_shortest_routes_by_a_slow_reference() -> None:
     """Bellman-Ford over the same map: without lanes every cell costs one."""
     arena = arena_of("##########\n#HH....SS#\n#HH.##.SS#\n#HH....SS#\n##########")
     routes = plan_routes(arena)
@@ -61,16 +61,16 @@ def test_every_free_cell_leads_to_both_goals(name) -> None:
     assert np.isfinite(routes.cost[:, free]).all()
     assert np.isinf(routes.cost[:, ~free]).all()
     home, source = ends(arena)
-    assert arena.zones[way(arena, *home, INBOUND)[-1]] == Zone.SOURCE
-    assert arena.zones[way(arena, *source, OUTBOUND)[-1]] == Zone.HOME
+    assert arena.zones[route(arena, *home, INBOUND)[-1]] == Zone.SOURCE
+    assert arena.zones[route(arena, *source, OUTBOUND)[-1]] == Zone.HOME
 
 
 @pytest.mark.parametrize("name", ["paper", "long", "robotarium", "s-bend", "three-wide"])
 def test_both_directions_keep_right_and_never_share_a_lane(name) -> None:
     arena = load_arena(name)
     home, source = ends(arena)
-    inbound = way(arena, *home, INBOUND)
-    outbound = way(arena, *source, OUTBOUND)
+    inbound = route(arena, *home, INBOUND)
+    outbound = route(arena, *source, OUTBOUND)
     lanes = [set(in_tunnel(arena, cells)) for cells in (inbound, outbound)]
     assert lanes[0]
     assert lanes[1]
@@ -83,8 +83,8 @@ def test_the_straight_tunnel_east_is_driven_in_the_south_lane_and_west_in_the_no
     arena = load_arena(name)
     home, source = ends(arena)
     rows = np.unique(np.argwhere(arena.zones == Zone.TUNNEL)[:, 0])
-    assert {row for row, _ in in_tunnel(arena, way(arena, *home, INBOUND))} == {rows.min()}
-    assert {row for row, _ in in_tunnel(arena, way(arena, *source, OUTBOUND))} == {rows.max()}
+    assert {row for row, _ in in_tunnel(arena, route(arena, *home, INBOUND))} == {rows.min()}
+    assert {row for row, _ in in_tunnel(arena, route(arena, *source, OUTBOUND))} == {rows.max()}
 
 
 def test_a_tunnel_one_robot_wide_has_a_gate_and_a_mouth_to_keep_clear() -> None:
@@ -98,7 +98,7 @@ def test_a_tunnel_one_robot_wide_has_a_gate_and_a_mouth_to_keep_clear() -> None:
     assert mouth.any()
     assert not (mouth & tunnel).any()
     assert not (mouth & (routes.zones == Zone.WALL)).any()
-    # Out of the mouth there is always a way, and nowhere else is one needed.
+    # Out of the mouth there is always a route, and nowhere else is one needed.
     free = routes.zones != Zone.WALL
     assert np.isfinite(routes.aside[free]).all()
     assert (routes.aside[mouth] > 0.0).all()
@@ -110,7 +110,7 @@ def test_of_two_narrow_tunnels_each_has_one_direction_and_none_a_gate() -> None:
     home, source = ends(arena)
     used = [
         {row for row, _ in in_tunnel(arena, cells)}
-        for cells in (way(arena, *home, INBOUND), way(arena, *source, OUTBOUND))
+        for cells in (route(arena, *home, INBOUND), route(arena, *source, OUTBOUND))
     ]
     assert [len(rows) for rows in used] == [1, 1]
     assert used[0] != used[1]
@@ -139,11 +139,11 @@ def test_in_a_mirror_the_directions_change_lanes(name) -> None:
     lines = arena.text.split('map = """\n')[1].split('\n"""')[0].split("\n")
     flipped = parse_arena(arena.text.replace("\n".join(lines), "\n".join(reversed(lines))), "flipped")
     home, source = ends(arena)
-    assert {row for row, _ in in_tunnel(arena, way(arena, *home, INBOUND))} == {
-        row for row, _ in in_tunnel(flipped, way(flipped, *ends(flipped)[0], INBOUND))
+    assert {row for row, _ in in_tunnel(arena, route(arena, *home, INBOUND))} == {
+        row for row, _ in in_tunnel(flipped, route(flipped, *ends(flipped)[0], INBOUND))
     }
-    assert {row for row, _ in in_tunnel(arena, way(arena, *source, OUTBOUND))} == {
-        row for row, _ in in_tunnel(flipped, way(flipped, *ends(flipped)[1], OUTBOUND))
+    assert {row for row, _ in in_tunnel(arena, route(arena, *source, OUTBOUND))} == {
+        row for row, _ in in_tunnel(flipped, route(flipped, *ends(flipped)[1], OUTBOUND))
     }
 
 

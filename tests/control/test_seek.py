@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robosim.control.seek import blocked_ways, cells_of, toward_pellets
+from robosim.control.seek import moves_blocked_by_robots, cells_of, toward_pellets
 from robosim.envs.vector import VectorEnv
 from robosim.robot.drivers import CARDINAL_STEPS
 from robosim.world.state import PelletStatus
@@ -20,7 +20,7 @@ def mixed(robots: int) -> VectorEnv:
 
 def test_on_cells_the_neighbouring_cells_with_robots_are_blocked() -> None:
     env = mixed(20)
-    blocked = blocked_ways(env)
+    blocked = moves_blocked_by_robots(env)
     cells = cells_of(env).tolist()
     for one in range(3):
         for robot, (column, row) in enumerate(cells[one]):

@@ -120,7 +120,7 @@ def test_command_is_one_that_others_can_run(command, shown):
 
 
 @pytest.mark.parametrize(
-    ("command", "told"),
+    ("command", "said"),
     [
         ("", "is empty"),
         ("robosim train --arena '/a", "is not a whole command"),
@@ -128,8 +128,8 @@ def test_command_is_one_that_others_can_run(command, shown):
         ("robosim train --start-from=/a", "holds '--start-from=/a'"),
     ],
 )
-def test_commands_that_nobody_else_can_run_are_refused(command, told):
-    with pytest.raises(InputError, match=told):
+def test_commands_that_nobody_else_can_run_are_refused(command, said):
+    with pytest.raises(InputError, match=said):
         tool.shown_command(command, "p")
 
 
