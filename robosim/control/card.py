@@ -186,7 +186,8 @@ class PolicyCard(Record):
             )
         if network.mask and self.gains is None:
             raise ValueError(
-                "network.mask is True, but must be False where observations hold no gains of cardinal moves"
+                f"network.mask is {shown(True)}, but must be {shown(False)} where observations hold no gains "
+                "of cardinal moves"
             )
         if "\n" not in self.env.arena:
             raise ValueError(f"env.arena is {shown(self.env.arena)}, but must be the text of an arena")

@@ -131,7 +131,9 @@ class NetworkSpec(Record):
                 'where input is "team"'
             )
         if self.mask and self.actions != NUM_ACTIONS:
-            raise ValueError(f"actions is {self.actions}, but must be {NUM_ACTIONS} where mask is True")
+            raise ValueError(
+                f"actions is {self.actions}, but must be {NUM_ACTIONS} where mask is {shown(True)}"
+            )
         return self
 
 
@@ -153,7 +155,8 @@ class Networks:
         check_weights(spec, weights, place)
         if spec.mask and gains is None:
             raise InputError(
-                "mask is True, but must be False where observations hold no gains of cardinal moves."
+                f"mask is {shown(True)}, but must be {shown(False)} where observations hold no "
+                "gains of cardinal moves."
             )
         self.spec = spec
         self._gains = gains if spec.mask else None

@@ -18,7 +18,7 @@ from robosim.control.card import (
 )
 from robosim.control.network import NetworkSpec
 from robosim.envs.vector import VectorEnv
-from robosim.errors import InputError
+from robosim.errors import InputError, shown
 
 
 def test_card_survives_its_file(tmp_path, card):
@@ -44,7 +44,7 @@ def refused(tmp_path, text):
         ("format", "other", 'format is "other", but must be "robosim-policy".'),
         ("env.robots", 0, "env.robots is 0, but must be a whole number from 1 to 1000."),
         ("env.robots", 1.5, "env.robots is 1.5, but must be a whole number from 1 to 1000."),
-        ("env.robots", True, "env.robots is True, but must be a whole number from 1 to 1000."),
+        ("env.robots", True, f"env.robots is {shown(True)}, but must be a whole number from 1 to 1000."),
         (
             "env.robots",
             4,
@@ -79,7 +79,10 @@ def refused(tmp_path, text):
         (
             "network.mask",
             True,
-            "network.mask is True, but must be False where observations hold no gains of cardinal moves.",
+            (
+                f"network.mask is {shown(True)}, but must be {shown(False)} where "
+                "observations hold no gains of cardinal moves."
+            ),
         ),
         (
             "evaluation.delivered",

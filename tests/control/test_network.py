@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robosim.control.network import Networks, NetworkSpec
-from robosim.errors import InputError
+from robosim.errors import InputError, shown
 
 
 def weights_of(spec, seed=0, scale=1.0):
@@ -128,7 +128,8 @@ def test_blocked_moves_are_not_chosen_by_single_robots():
     with pytest.raises(InputError) as caught:
         Networks(spec, weights)
     assert str(caught.value) == (
-        "mask is True, but must be False where observations hold no gains of cardinal moves."
+        f"mask is {shown(True)}, but must be {shown(False)} where "
+        "observations hold no gains of cardinal moves."
     )
 
 
@@ -203,7 +204,7 @@ JOINT = {"output": "joint action values"}
             {"input": "team", "of_robot": [0, 1]},
             'inputs is 7, but must be a multiple of 2, the number of robots, where input is "team".',
         ),
-        ({"mask": True, "actions": 4}, "actions is 4, but must be 5 where mask is True."),
+        ({"mask": True, "actions": 4}, f"actions is 4, but must be 5 where mask is {shown(True)}."),
         ({"activation": "gelu"}, 'activation is "gelu", but must be "relu" or "tanh".'),
         ({"hidden": [4097]}, "hidden is 4097, but must be a list of 1 to 8 whole numbers from 1 to 4096."),
     ],

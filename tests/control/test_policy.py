@@ -12,7 +12,7 @@ import safetensors.numpy
 import robosim.control.policy as policy_module
 from robosim.control.card import card_text
 from robosim.control.policy import Policy, load_policy, policy_names, save_policy
-from robosim.errors import InputError
+from robosim.errors import InputError, shown
 
 
 @pytest.fixture
@@ -143,7 +143,8 @@ def test_a_mask_needs_observations_that_hold_the_gains_of_cardinal_moves(card_of
         with pytest.raises(InputError) as caught:
             card_of(**({"size": 8, "observation": names, "network": {"mask": True}} | odd))
         assert str(caught.value) == (
-            "network.mask is True, but must be False where observations hold no gains of cardinal moves."
+            f"network.mask is {shown(True)}, but must be {shown(False)} where "
+            "observations hold no gains of cardinal moves."
         )
 
 
