@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -36,6 +36,8 @@ class Play:
     """Arena by name, or the path of its file; by default the one a policy learned in, or `paper`."""
     robots: int | None = None
     """Team size; by default a policy's own, or 4."""
+    world: Literal["physics", "grid"] | None = None
+    """Rigid bodies, or one robot a cell; by default the world that a policy learned in, or `physics`."""
     steps: int | None = None
     """Decisions to record; by default a whole episode, as long as the arena or the trajectory says."""
     seed: int | None = None
@@ -176,6 +178,7 @@ class Play:
             controller,
             self.arena,
             self.robots,
+            self.world,
             seed=self.seed or 0,
             episode_steps=self.steps,
             autoreset=False,
@@ -187,7 +190,7 @@ class Play:
         from robosim.episodes.trajectory import load_trajectory
         from robosim.errors import InputError
 
-        for option in ("arena", "robots", "seed", "save_trajectory"):
+        for option in ("arena", "robots", "world", "seed", "save_trajectory"):
             if getattr(self, option) is not None:
                 raise InputError(
                     f"--{option.replace('_', '-')} cannot be given with {self.policy}: "

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robosim.control.seek import moves_blocked_by_robots, cells_of, toward_pellets
+from robosim.control.seek import cells_of, moves_blocked_by_robots, toward_pellets
 from robosim.envs.vector import VectorEnv
 from robosim.robot.drivers import CARDINAL_STEPS
 from robosim.world.state import PelletStatus

@@ -129,6 +129,7 @@ def test_steps_cut_a_trajectory(tmp_path, played, capsys):
     [
         (["--arena", "paper"], "--arena cannot be given with {run}: a trajectory runs again just as it was."),
         (["--robots", "4"], "--robots cannot be given with {run}: a trajectory runs again just as it was."),
+        (["--world", "grid"], "--world cannot be given with {run}: a trajectory runs again just as it was."),
         (["--seed", "0"], "--seed cannot be given with {run}: a trajectory runs again just as it was."),
         (
             ["--save-trajectory", "other.npz"],

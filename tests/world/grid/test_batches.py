@@ -14,8 +14,9 @@ from robosim.analysis.measure.metrics import NotDefined, summarise
 from robosim.analysis.measure.monitor import TeamMonitor
 from robosim.arena import arena_names
 from robosim.control.controller import make_controller
+from robosim.control.environment import environment_for
 from robosim.control.evaluate import evaluate
-from robosim.control.policy import find_policy, policy_names, read_policy
+from robosim.control.policy import policy_names
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from robosim.world.state import PelletStatus
@@ -184,18 +185,16 @@ def test_active_robots_that_meet_where_nobody_can_pass_stand_there_for_good() ->
 
 @pytest.mark.parametrize("name", policy_names())
 def test_policies_learned_in_physics_run_and_bring_pellets(name: str) -> None:
-    policy = read_policy(find_policy(name, ()))
-    card = policy.card
-    env = VectorEnv(
-        card.arena.name, robots=card.robots, num_envs=2, world="grid", actions=card.actions,
-        encoding=card.observation.encoding, stigmergy=card.observation.stigmergy,
-        pheromone=card.observation.pheromone.config,
-    )  # fmt: skip
+    team = make_controller(name)
+    env = environment_for(team, num_envs=2, world="grid")
     observation = env.reset()
+    team.reset(env)
+    low, high = env.layout.low, env.layout.high
     for _ in range(400):
-        observation = env.step(policy.act(observation)).observation
-    print(name, env.delivered.sum(axis=1))
-    assert np.isfinite(observation).all()
+        observation = env.step(team.act(env, observation)).observation
+        assert np.isfinite(observation).all()
+        assert (observation >= low).all()
+        assert (observation <= high).all()
     assert env.delivered.sum() > 0
 
 
