@@ -22,7 +22,7 @@ def test_import_loads_nothing_heavy(module: str) -> None:
     assert run_python(code).split() == []
 
 
-HEAVY = ["torch", "rerun", "pymunk", "matplotlib", "pyarrow", "pettingzoo", "pydantic"]
+HEAVY = ["torch", "rerun", "pymunk", "matplotlib", "pyarrow", "pettingzoo", "pydantic", "scipy"]
 
 
 def test_simulating_and_running_a_policy_needs_neither_torch_nor_rerun() -> None:
@@ -59,7 +59,7 @@ def test_every_dependency_is_pinned() -> None:
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pinned = {line.split("==")[0].lower().replace("_", "-") for line in lines if not line.startswith("#")}
     names = {name_of(requirement).lower().replace("_", "-") for requirement in wanted}
-    assert names <= pinned
+    assert names - {"robosim"} <= pinned
 
 
 def name_of(requirement: str) -> str:

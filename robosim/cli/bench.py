@@ -38,11 +38,20 @@ class Bench:
             "python": platform.python_version(),
             "cases": _measure_decisions(self.decisions),
             "worlds": _compare_worlds(self.decisions),
-            "learner": _measure_updates(self.updates),
+            "learner": _measure_updates(self.updates) if _is_installed("torch") else None,
         }
         if self.json is not None:
             write_whole(self.json, json.dumps(record, indent=2) + "\n")
             print(f"written: {self.json}")
+
+
+def _is_installed(module: str) -> bool:
+    from importlib.util import find_spec
+
+    there = find_spec(module) is not None
+    if not there:
+        print(f"learner: not measured, since {module} is not installed (extra `train`)")
+    return there
 
 
 def _measure_decisions(decisions: int) -> list[dict[str, Any]]:

@@ -42,13 +42,12 @@ class Evaluate:
         from robosim.control.controller import make_controller
         from robosim.control.environment import environment_for
         from robosim.control.evaluate import evaluate
-        from robosim.errors import InputError
+        from robosim.envs.vector import MAX_SEED
+        from robosim.errors import whole_number
         from robosim.files import require_writable, write_whole
 
-        if not 1 <= self.episodes <= 10_000:
-            raise InputError(f"--episodes is {self.episodes}: it must be from 1 to 10000.")
-        if self.seed < 0:
-            raise InputError(f"--seed is {self.seed}: it must not be negative.")
+        whole_number("--episodes", self.episodes, 1, 10_000)
+        whole_number("--seed", self.seed, 0, MAX_SEED)
         if self.json is not None:
             require_writable(self.json)
         monitor = self._monitor()
@@ -73,6 +72,10 @@ class Evaluate:
         """Return what watches the episodes, if there is to be a report, and there can be one."""
         if self.report is None:
             return None
+        import importlib
+
+        # Figures now, too: what they need and is not installed is to be said before the episodes run.
+        importlib.import_module("robosim.analysis.figures.catalogue")
         from robosim.analysis.measure.monitor import TeamMonitor
         from robosim.analysis.report.folder import require_folder
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 EXTRAS: dict[str, tuple[str, ...]] = {
     "train": ("torch", "tensorboard", "tomli_w"),
     "view": ("rerun",),
-    "report": ("matplotlib", "jinja2", "PIL"),
+    "report": ("jinja2", "matplotlib", "PIL"),
 }
 """Modules that each extra of the package brings; pyarrow comes with `train` and with `report`."""
 
