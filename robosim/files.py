@@ -1,49 +1,133 @@
-"""Files written whole or not at all."""
+"""Files written whole or not at all, and what a killed process leaves of them."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+import re
+import stat
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from robosim.errors import InputError
 
+_STRAY = re.compile(r"\.(?P<name>.+)\.\d+(-\d+)?\.(part|probe)")
+"""`.NAME.PROCESS.part`, as `whole_file` calls what it writes; some put a time behind the process."""
+
 
 @contextlib.contextmanager
-def whole_file(path: str | Path) -> Iterator[Path]:
+def whole_file(path: str | Path, durable: bool = False) -> Iterator[Path]:
     """Give a hidden path beside `path` to write to, which takes its place when the block ends well.
 
-    Raises InputError, in one sentence, if the file cannot be written; nothing is left behind then.
+    A link is followed, and stays. `durable` waits until the file is on the disk, so that a power cut cannot
+    leave its name with nothing behind it. Raises InputError, in one sentence, if the file cannot be written,
+    or if something other than a regular file is there; nothing is left behind then.
     """
-    target = Path(path)
-    if target.is_dir():
-        raise InputError(f"{target}: cannot be written: it is a folder; give the name of a file.")
+    target = _target(path)
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
+        # What an earlier process of the same number left may be a link, which must not be written through.
+        part.unlink(missing_ok=True)
         try:
             yield part
+            if durable:
+                sync(part)
             part.replace(target)
+            if durable:
+                sync(target.parent)
         finally:
             part.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}.") from None
+        raise _cannot_be_written(path, error) from None
 
 
-def write_whole(path: str | Path, data: bytes | str) -> None:
-    """Write a file whole or not at all; raises InputError if it cannot be."""
-    with whole_file(path) as part:
+def write_whole(path: str | Path, data: bytes | str, durable: bool = False) -> None:
+    """Write a file whole or not at all; errors and `durable` as in `whole_file`."""
+    with whole_file(path, durable) as part:
         part.write_bytes(data.encode() if isinstance(data, str) else data)
+
+
+def append_line(path: str | Path, line: str) -> None:
+    """Append a line in one piece, whoever else appends at the same time, and wait until it is on the disk.
+
+    What a killed process left of a line is ended first: it stays a line of its own. InputError if the file
+    cannot be written.
+    """
+    # Here, since there is none on Windows, where the rest of this module works.
+    import fcntl
+
+    target = _target(path)
+    try:
+        handle = os.open(target, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            # Goes with the handle. Without it, the end of the file may be that of a line half written.
+            fcntl.flock(handle, fcntl.LOCK_EX)
+            size = os.fstat(handle).st_size
+            whole = size == 0 or os.pread(handle, 1, size - 1) == b"\n"
+            data = (line if whole else f"\n{line}").encode() + b"\n"
+            if os.write(handle, data) < len(data):
+                raise OSError(0, "the line did not fit")
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        raise _cannot_be_written(path, error) from None
 
 
 def require_writable(path: str | Path) -> None:
     """Raise InputError now, before long work, if a file cannot be written later."""
-    target = Path(path)
-    if target.is_dir():
-        raise InputError(f"{target}: cannot be written: it is a folder; give the name of a file.")
+    target = _target(path)
     probe = target.with_name(f".{target.name}.{os.getpid()}.probe")
     try:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}.") from None
+        raise _cannot_be_written(path, error) from None
+
+
+def is_regular(path: Path) -> bool:
+    """Return whether a regular file is there itself: a link is none, wherever it leads."""
+    try:
+        return stat.S_ISREG(path.lstat().st_mode)
+    except OSError:
+        return False
+
+
+def remove_strays(folder: Path, written: Callable[[str], bool]) -> None:
+    """Remove what killed processes have left in `folder` of files for whose names `written` holds.
+
+    Only regular files that are named as `whole_file` names them; everything else is left alone.
+    """
+    for path in sorted(folder.iterdir()):
+        named = _STRAY.fullmatch(path.name)
+        if named and written(named["name"]) and is_regular(path):
+            path.unlink(missing_ok=True)
+
+
+def sync(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _target(path: str | Path) -> Path:
+    """Return where a file will lie, behind all links; InputError if anything but a regular file is there."""
+    target = Path(path)
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return Path(os.path.realpath(target)) if target.is_symlink() else target
+    except OSError as error:
+        raise _cannot_be_written(path, error) from None
+    if stat.S_ISDIR(mode):
+        raise InputError(f"{path}: cannot be written: it is a folder; give the name of a file.")
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{path}: cannot be written: it is not a regular file.")
+    return Path(os.path.realpath(target)) if target.is_symlink() else target
+
+
+def _cannot_be_written(path: str | Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be written: {error.strerror or error}.")
