@@ -1,0 +1,103 @@
+"""Results: a line of JSON for each finished job, in one file that is small enough to keep with the code."""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from robosim.errors import InputError
+from robosim.files import append_line
+
+_TEXT = re.compile(r'"(?:[^"\\]|\\.)*(?:"|$)')
+_PACKAGES = ("robosim", "numpy", "pymunk", "torch")
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """The record of a finished job."""
+
+    key: str
+    """Of the job."""
+    config: Mapping[str, Any]
+    figures: Mapping[str, Sequence[float]]
+    """By name, one number for each episode."""
+    wall_time: float
+    """s."""
+    machine: Mapping[str, str]
+    """Where it ran, as `this_machine` says it."""
+
+
+def append_result(path: Path, result: Result) -> None:
+    """Append a result to a file, as one line and in one piece; InputError if it cannot be written."""
+    append_line(path, json.dumps(asdict(result), allow_nan=False))
+
+
+def read_results(path: Path) -> dict[str, Result]:
+    """Return the results in a file by key, the latest of each; none if there is no file.
+
+    A line that a kill cut short counts for nothing. InputError for any other line that is no result.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        return {}
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a file of results ({error}).") from None
+    results: dict[str, Result] = {}
+    for number, line in enumerate(lines, 1):
+        try:
+            result = _result(**json.loads(line))
+        except json.JSONDecodeError as error:
+            if _is_cut(line):
+                continue
+            raise InputError(f"{path}: line {number} is no result ({error}).") from None
+        except (TypeError, ValueError, AttributeError) as error:
+            raise InputError(f"{path}: line {number} is no result ({error}).") from None
+        results[result.key] = result
+    return results
+
+
+def _is_cut(line: str) -> bool:
+    """Return whether a table that begins in a line does not end in it."""
+    outside = _TEXT.sub("", line)
+    return outside.count("{") > outside.count("}")
+
+
+def _result(figures: Mapping[str, Sequence[float]], **fields: Any) -> Result:
+    return Result(figures={name: tuple(map(float, values)) for name, values in figures.items()}, **fields)
+
+
+@cache
+def this_machine() -> dict[str, str]:
+    """Return on what this process runs: processor, platform, and versions of what numbers depend on."""
+    versions = {}
+    for package in _PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "none"
+    return {
+        "processor": _processor(),
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        **versions,
+    }
+
+
+def _processor() -> str:
+    """Return the processor's name; those of virtual machines say little, so family and model too."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").split("\n\n")[0].splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    facts = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+    if "model name" not in facts:
+        return platform.processor() or platform.machine()
+    return f"{facts['model name']} (family {facts.get('cpu family', '?')}, model {facts.get('model', '?')})"

@@ -1,0 +1,68 @@
+"""Jobs that cost nothing, for processes that are spawned to import; and a script that runs some."""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from robosim.errors import InputError
+from robosim.experiments.jobs import Job, Outcome
+from robosim.experiments.local import run_local
+
+
+def count(folder):
+    """Return how often this has been called in a folder."""
+    with (folder / "calls").open("a") as calls:
+        calls.write("x")
+    return len((folder / "calls").read_text())
+
+
+def square(config, folder):
+    calls = count(folder)
+    return Outcome({"square": [config["x"] ** 2, config["x"] ** 2 + 1], "calls": [calls]}, 0.5)
+
+
+def misbehave(config, folder):
+    """Do as the configuration says, the first time; afterwards all goes well."""
+    calls, how = count(folder), config["how"]
+    if calls == 1 and how == "raise":
+        raise ZeroDivisionError("a job's own mistake")
+    if calls == 1 and how == "refuse":
+        raise InputError("x is 7, but must be 8.")
+    if calls == 1 and how == "killed":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if calls == 1 and how == "exit":
+        os._exit(3)
+    if calls == 1 and how == "unsent":
+        return Outcome({"figure": ["no number"]}, 0.0)
+    return Outcome({"calls": [calls]}, 0.0)
+
+
+def threads(config, folder):
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    return Outcome({name: [float(os.environ.get(name, "nan"))] for name in names}, 0.0)
+
+
+def long(config, folder):
+    """Work until asked to end, and save what has been done; the second time, end at once."""
+    if (folder / "saved").exists():
+        return Outcome({"found": [float((folder / "saved").read_text())]}, 0.0)
+
+    def save(number, frame):
+        (folder / "saved").write_text(f"{config['x']}")
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, save)
+    (folder / "started").write_text(f"{os.getpid()}")
+    time.sleep(60.0)
+    raise TimeoutError("nobody asked this job to end")
+
+
+if __name__ == "__main__":
+    from tests.experiments import cheap
+
+    root = Path(sys.argv[1])
+    jobs = [Job({"x": x}) for x in range(4)]
+    summary = run_local(jobs, cheap.long, root, root / "results.jsonl", workers=2)
+    print([result.figures["found"] for result in summary.results])
