@@ -9,20 +9,20 @@ import numpy as np
 
 import robosim
 from robosim.envs.vector import VectorEnv
-from robosim.envs.workers import WorkerVectorEnv
-from robosim.learning.dqn import DqnSettings, StackedDoubleDQN
+from robosim.learning.algorithms.dqn.learner import DqnSettings, StackedDoubleDQN
+from robosim.learning.algorithms.dqn.returns import MultiStepReturns
+from robosim.learning.algorithms.protocol import Experience
+from robosim.learning.computing import one_thread
 from robosim.learning.networks import NetworkShape
-from robosim.learning.returns import Experience, MultiStepReturns
 
 DISCOUNT, RETURN_STEPS = 0.95, 3
 
 
-def learn(env: VectorEnv | WorkerVectorEnv, steps: int, seed: int) -> StackedDoubleDQN:
+@one_thread()  # networks this small gain nothing from more
+def learn(env: VectorEnv, steps: int, seed: int) -> StackedDoubleDQN:
     """Let the robots of `env` act and learn for `steps` joint decisions, summed over environments."""
     shape = NetworkShape(env.robots, env.layout.size, (128, 128, 128), env.num_actions)
-    settings = DqnSettings(
-        DISCOUNT**RETURN_STEPS, batch_size=64, target_interval=100, replay_capacity=steps, reward_scale=0.1
-    )
+    settings = DqnSettings(DISCOUNT**RETURN_STEPS, 64, 100, replay_capacity=steps, reward_scale=0.1)
     learner = StackedDoubleDQN(shape, settings, np.random.SeedSequence(seed))
     returns = MultiStepReturns(RETURN_STEPS, DISCOUNT)
     spread = np.linspace(1.0, 8.0, env.num_envs)[:, None]  # the last environments explore hardly at all
@@ -32,9 +32,9 @@ def learn(env: VectorEnv | WorkerVectorEnv, steps: int, seed: int) -> StackedDou
         actions = learner.act(observation, max(0.02, 1.0 - 10.0 * progress) ** spread)
         outcome = env.step(actions)
         # An action's outcome is final_observation: observation may already be of the next episode.
-        decision = Experience(observation, actions, outcome.reward, outcome.final_observation)
-        experience = returns.add(decision, ended=bool(outcome.truncated.all()))
-        if experience is not None:
+        came = outcome.reward, outcome.final_observation, outcome.observation
+        decision = Experience(observation, actions, *came, outcome.terminated, outcome.truncated)
+        if (experience := returns.add(decision)) is not None:
             learner.replay.add(*experience)
         observation = outcome.observation
         for _ in range(env.num_envs if learner.replay.length > steps // 30 else 0):

@@ -46,6 +46,8 @@ class Record(BaseModel):
     )
     short_names: ClassVar[Mapping[str, str]] = {}
     """Short names of fields when the record is nested in another, where they are not FIELD_OWN-NAME."""
+    plain_options: ClassVar[bool] = False
+    """Whether the fields of nested records go by their own names where `short_names` says nothing else."""
 
     def __init__(self, /, **values: Any) -> None:
         plain = {name: _plain(value) for name, value in values.items()}
@@ -74,12 +76,16 @@ class Record(BaseModel):
         """Return every field, those of nested records too, by its short name."""
         return dict(_options(cls, ()))
 
+    def own_options(self) -> dict[str, Option]:
+        """Return `options` of this record as it is, with the fields of the classes that its records have."""
+        return dict(_options(type(self), (), self))
+
     def with_options(self, **values: Any) -> Self:
         """Return a copy with other values in the fields of these short names, checked anew.
 
         A nested record may also be given whole, by the name of its field.
         """
-        known, fields = type(self).options(), type(self).model_fields
+        known, fields = self.own_options(), type(self).model_fields
         whole = {
             name: value for name, value in values.items() if name in fields and isinstance(value, Record)
         }
@@ -110,13 +116,17 @@ def _plain(value: object) -> object:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _options(model: type[Record], path: tuple[str, ...]) -> Iterator[tuple[str, Option]]:
+def _options(
+    model: type[Record], path: tuple[str, ...], record: Record | None = None
+) -> Iterator[tuple[str, Option]]:
     for name, field in model.model_fields.items():
-        nested = field.annotation
+        value = getattr(record, name, None)
+        nested = type(value) if isinstance(value, Record) else field.annotation
         if isinstance(nested, type) and issubclass(nested, Record):
-            for inner, option in _options(nested, (*path, name)):
+            for inner, option in _options(nested, (*path, name), value):
                 own = option.path[-1] if len(option.path) == len(path) + 2 else None
-                short = nested.short_names.get(inner, f"{name}_{inner}") if own else inner
+                plain = inner if model.plain_options else f"{name}_{inner}"
+                short = nested.short_names.get(inner, plain) if own else inner
                 yield short, option
         else:
             yield name, Option((*path, name), field)
@@ -137,13 +147,14 @@ def _sentence(model: type[BaseModel], error: ErrorDetails) -> str:
             break
         owner = _model_in(field.annotation) or owner
     if error["type"] == "extra_forbidden":
-        return f"{shown(keys[-1])} is not an option: {nearest_names(keys[-1], owner.model_fields)}"
+        table = f" of {'.'.join(keys[:-1])}" if len(keys) > 1 else ""
+        return f"{shown(keys[-1])} is not an option{table}: {nearest_names(keys[-1], owner.model_fields)}"
     if error["type"] == "missing":
         return f"{place} is missing" + (f"; it must be {allowed(field)}." if field else ".")
     value = error["input"]
     if error["type"] == "value_error":
         text = error["msg"].removeprefix("Value error, ").rstrip(".")
-        return f"{place + ': ' if place else ''}{text}."
+        return f"{place + ': ' if place else ''}{text}" + ("" if text.endswith("?") else ".")
     described = allowed(field) if field is not None else error["msg"]
     return str(refused(place, value, described))
 

@@ -15,8 +15,8 @@ import matplotlib as mpl
 import numpy as np
 
 from robosim.learning.config import read_config
+from robosim.learning.folder import CONFIG_FILE, METRICS_FILE
 from robosim.learning.metrics import Metrics, read_metrics
-from robosim.learning.trainer import CONFIG_FILE, METRICS_FILE
 
 WINDOW = 20
 """Rows of the metrics that a point is the mean of."""

@@ -13,18 +13,24 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from robosim.learning.config import TrainConfig
+from robosim.learning.computing import one_thread
+from robosim.learning.config import run_config
 from robosim.learning.training import Training
 
 
 def main() -> None:
+    with one_thread():
+        _profile()
+
+
+def _profile() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--arena", default="paper")
     parser.add_argument("--robots", type=int, default=8)
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--updates-per-step", type=float, default=0.25)
     options = parser.parse_args()
-    training = Training(TrainConfig(**vars(options)))
+    training = Training(run_config(**vars(options)))
     while training.step < options.steps // 5:
         training.advance()
 
@@ -39,11 +45,13 @@ def main() -> None:
 
         return run
 
-    learner, env = training.learner, training.env
-    learner.act = timed("choosing actions", learner.act)  # type: ignore[method-assign]
-    learner.update = timed("updates", learner.update)  # type: ignore[method-assign]
-    learner.replay.add = timed("storing experience", learner.replay.add)  # type: ignore[method-assign]
-    env.step = timed("environments", env.step)  # type: ignore[method-assign]
+    algorithm: Any = training.algorithm
+    learner = algorithm.learner
+    env: Any = training.env
+    algorithm.act = timed("choosing actions", algorithm.act)
+    algorithm.update = timed("updates", algorithm.update)
+    algorithm.observe = timed("storing experience", algorithm.observe)
+    env.step = timed("environments", env.step)
     for space in env.world.spaces:
         space.advance = timed("of which bare Space.step", space.advance)  # type: ignore[method-assign]
     before, decisions, updates = time.thread_time(), training.step, learner.updates

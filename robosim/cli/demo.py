@@ -28,8 +28,8 @@ class Demo:
         """Run the subcommands one after the other, each shown as a user would type it."""
         from robosim.cli.evaluate import Evaluate
         from robosim.cli.play import Play
-        from robosim.cli.train import Train
-        from robosim.learning.config import TrainConfig
+        from robosim.cli.train import begin
+        from robosim.learning.config import run_config
 
         folder = _unused_folder(self.out)
         recording = folder.with_suffix(".rrd")
@@ -37,7 +37,7 @@ class Demo:
         _announce(
             f"robosim train --robots {ROBOTS} --steps {self.steps} --evaluation-episodes 0", "--out", folder
         )
-        Train(TrainConfig(robots=ROBOTS, steps=self.steps, evaluation_episodes=0), folder).run()
+        begin(run_config(robots=ROBOTS, steps=self.steps, evaluation_episodes=0), folder)
 
         for policy in (str(folder), "lanes", "random"):
             options = f"--robots {ROBOTS} --episodes {EPISODES} --steps {EPISODE_STEPS}"

@@ -11,7 +11,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import Annotated
+from typing import Annotated, Any, Union
 
 import tyro
 
@@ -23,22 +23,14 @@ from robosim.cli.evaluate import Evaluate
 from robosim.cli.extras import missing_extra
 from robosim.cli.play import Play
 from robosim.cli.policy import Policy
-from robosim.cli.train import Train
+from robosim.cli.train import Train, train_command
 from robosim.errors import InputError
 
 DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play back.
 
 `--version` prints the version. `--debug` anywhere, or ROBOSIM_DEBUG=1, shows the traceback of a failure."""
 
-Subcommand = (
-    Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[Arena, tyro.conf.subcommand("arena")]
-    | Annotated[Train, tyro.conf.subcommand("train")]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Play, tyro.conf.subcommand("play")]
-    | Annotated[Policy, tyro.conf.subcommand("policy")]
-    | Annotated[Bench, tyro.conf.subcommand("bench")]
-)
+Subcommand = Demo | Arena | Train | Evaluate | Play | Policy | Bench
 """A parsed command line, ready to run."""
 
 
@@ -91,24 +83,38 @@ def exit_code(action: Callable[[], None], debug: bool) -> int:
 def parse(arguments: Sequence[str]) -> Subcommand:
     """Parse a command line without running it; InputError for wrong usage, SystemExit(0) after help."""
     complaint = io.StringIO()
+    # Which options `train` has depends on its technique; they are looked up only where they are asked for.
+    training = arguments[:1] == ["train"]
+    train = train_command(arguments[1:]) if training else Train
+    # A technique may switch anything on or off, so `train` has --OPTION and --no-OPTION both.
+    flags = () if training else (tyro.conf.FlagCreatePairsOff,)
     try:
         with contextlib.redirect_stderr(complaint):
             parsed: Subcommand = tyro.cli(
-                Subcommand,
+                _subcommands(train),
                 prog="robosim",
                 description=DESCRIPTION,
                 args=list(arguments) or ["--help"],
-                config=(
-                    tyro.conf.OmitArgPrefixes,
-                    tyro.conf.OmitSubcommandPrefixes,
-                    tyro.conf.FlagCreatePairsOff,
-                ),
+                config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes, *flags),
             )
     except SystemExit as ending:
         if not ending.code:
             raise
         raise InputError(usage_sentence(complaint.getvalue())) from None
     return parsed
+
+
+def _subcommands(train: type[Train]) -> Any:
+    named = {
+        "demo": Demo,
+        "arena": Arena,
+        "train": train,
+        "evaluate": Evaluate,
+        "play": Play,
+        "policy": Policy,
+        "bench": Bench,
+    }
+    return Union[tuple(Annotated[command, tyro.conf.subcommand(name)] for name, command in named.items())]  # noqa: UP007
 
 
 def usage_sentence(box: str) -> str:

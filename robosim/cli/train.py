@@ -2,28 +2,39 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shlex
 import sys
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from robosim.errors import InputError
-from robosim.learning.config import TrainConfig
 
 if TYPE_CHECKING:
     from robosim.control.learned import LearnedController
     from robosim.envs.vector import VectorEnv
+    from robosim.learning.config import RunConfig
+    from robosim.learning.trainer import Report, TrainResult
+
+_GROUPS = {
+    "env": "What the team learns in.",
+    "algorithm": "What learns, and how: the options of the technique's algorithm.",
+    "schedule": "How much is learned, and by whom at a time.",
+    "run": "How the run is carried out, and what it leaves.",
+}
 
 
 @dataclass(frozen=True)
 class Train:
     """Let a team of robots learn, and keep the run in a folder: policy, metrics, config, evaluation."""
 
-    config: TrainConfig = field(default_factory=TrainConfig)
-    """What to train, and how."""
+    technique: str = "ps-dqn"
+    """Preset that the other options start from: iql, iql+g, iql+gs, smadrl and ia2c as in the paper; iql+s,
+    iql+sc, ps-dqn and ps-a2c are ours. It also says which algorithm's options there are."""
     out: Path | None = None
     """New or empty folder for the run; by default runs/ARENA-ROBOTS-TECHNIQUE-SEED."""
     resume: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None
@@ -31,45 +42,145 @@ class Train:
 
     def run(self) -> None:
         """Train with a progress display, then say what came of it."""
-        from robosim.learning.config import read_config
-        from robosim.learning.progress import show_progress
-        from robosim.learning.trainer import CONFIG_FILE, resume, train
+        changed = dict(self._changed())
+        if self.resume is not None:
+            go_on(self._resumed(changed))
+        else:
+            from robosim.learning.config import run_config
 
-        folder = self._folder()
-        config = self.config
-        if self.resume is not None and (folder / CONFIG_FILE).is_file():
-            config = read_config(folder / CONFIG_FILE)
-        try:
-            with show_progress(config.steps) as report:
-                if self.resume is None:
-                    command = shlex.join(["robosim", *sys.argv[1:]])[:2000]
-                    result = train(config, folder, report, command, _record)
-                else:
-                    result = resume(folder, report, _record, _warn)
-        except KeyboardInterrupt:
-            if (folder / CONFIG_FILE).exists():
-                print(f"Stopped; go on with: robosim train --resume {shlex.quote(str(folder))}")
-            raise
-        print(f"{config.steps} joint decisions in {result.wall_time:.0f} s; run folder {folder}")
-        if result.evaluation is not None:
-            from robosim.cli.evaluate import summary
+            config = run_config(self.technique, **changed)
+            begin(config, self.out or _run_folder(config))
 
-            print(summary(result.evaluation))
+    def _changed(self) -> Iterator[tuple[str, Any]]:
+        """Yield the options that differ from what the technique sets, by name."""
+        for group in _GROUPS:
+            values = getattr(self, f"{group}_options", None)
+            if values is not None:
+                for one in dataclasses.fields(values):
+                    value = getattr(values, one.name)
+                    if value != one.default:
+                        yield one.name, value
 
-    def _folder(self) -> Path:
-        config = self.config
-        if self.resume is None:
-            name = f"{Path(config.arena).stem}-{config.robots}-{config.technique}-{config.seed}"
-            return self.out or Path("runs") / name
-        changed = [one.name for one in fields(config) if getattr(config, one.name) != one.default]
-        if self.out is not None:
-            changed.append("out")
-        if changed:
+    def _resumed(self, changed: dict[str, Any]) -> Path:
+        others = [
+            *changed,
+            *(name for name in ("technique", "out") if getattr(self, name) != getattr(Train, name)),
+        ]
+        if others or self.resume is None:
             raise InputError(
-                f"--resume goes on with a run as it was configured: --{changed[0].replace('_', '-')} "
+                f"--resume goes on with a run as it was configured: {_flag(others[0])} "
                 "cannot be given with it."
             )
         return self.resume
+
+
+def train_command(arguments: Sequence[str]) -> type[Train]:
+    """Return `Train` with the options that there are for the technique that the command line names.
+
+    A group each for environment, algorithm, schedule and run, made of the fields of `RunConfig`. InputError
+    for a technique that there is not, and for an option of another technique's algorithm.
+    """
+    from robosim.learning.config import run_config
+
+    technique = _value_of("--technique", arguments) or Train.technique
+    config = run_config(technique)
+    _refuse_options_of_others(config, technique, arguments)
+    groups: dict[str, list[Any]] = {name: [] for name in _GROUPS}
+    for name, option in config.own_options().items():
+        if option.path in (("algorithm", "name"), ("run", "technique")):
+            continue
+        value: Any = config
+        for step in option.path:
+            value = getattr(value, step)
+        about = tyro.conf.arg(help=" ".join(option.help.split()))
+        groups[option.path[0]].append((name, Annotated[option.field.annotation, about], field(default=value)))
+    members: list[Any] = []
+    for name, options in groups.items():
+        group = dataclasses.make_dataclass(name.capitalize(), options, frozen=True)
+        group.__doc__ = _GROUPS[name]
+        # Not by the group's bare name, since `run` is a method.
+        titled: Any = Annotated[group, tyro.conf.arg(name=name)]
+        members.append((f"{name}_options", titled, field(default_factory=group)))
+    return dataclasses.make_dataclass(
+        "Train", members, bases=(Train,), frozen=True, namespace={"__doc__": Train.__doc__}
+    )
+
+
+def _refuse_options_of_others(config: RunConfig, technique: str, arguments: Sequence[str]) -> None:
+    """Raise InputError for an option that only other algorithms have."""
+    from robosim.learning.algorithms.registry import algorithm_names, find_algorithm
+
+    own = {*config.own_options(), *(one.name for one in dataclasses.fields(Train)), "help", "debug"}
+    strange = {_name(argument) for argument in arguments if argument.startswith("--")} - own
+    for other in algorithm_names() if strange else ():
+        found = sorted(strange & find_algorithm(other).model_fields.keys())
+        if found:
+            raise InputError(
+                f"{_flag(found[0])} is an option of the algorithm {other}: technique {technique} learns by "
+                f"{config.algorithm.name}."
+            )
+
+
+def begin(config: RunConfig, folder: Path) -> None:
+    """Train, with a progress display, and fill the run folder."""
+    from robosim.learning.trainer import train
+
+    command = shlex.join(["robosim", *sys.argv[1:]])[:2000]
+    _shown(config, folder, lambda report: train(config, folder, report, command, _record))
+
+
+def go_on(folder: Path) -> None:
+    """Go on with an interrupted run, with a progress display."""
+    from robosim.learning.config import RunConfig, read_config
+    from robosim.learning.folder import CONFIG_FILE
+    from robosim.learning.trainer import resume
+
+    config = read_config(folder / CONFIG_FILE) if (folder / CONFIG_FILE).is_file() else RunConfig()
+    _shown(config, folder, lambda report: resume(folder, report, _record, _warn))
+
+
+def _shown(config: RunConfig, folder: Path, work: Callable[[Report], TrainResult]) -> None:
+    from robosim.learning.folder import CONFIG_FILE
+    from robosim.learning.progress import show_progress
+
+    steps = config.schedule.steps
+    try:
+        with show_progress(steps) as report:
+            result = work(report)
+    except KeyboardInterrupt:
+        if (folder / CONFIG_FILE).exists():
+            print(f"Stopped; go on with: robosim train --resume {shlex.quote(str(folder))}")
+        raise
+    print(f"{steps} joint decisions in {result.wall_time:.0f} s; run folder {folder}")
+    if result.evaluation is not None:
+        from robosim.cli.evaluate import summary
+
+        print(summary(result.evaluation))
+
+
+def _run_folder(config: RunConfig) -> Path:
+    arena = Path(config.env.arena).stem
+    return Path("runs") / f"{arena}-{config.env.robots}-{config.run.technique}-{config.run.seed}"
+
+
+def _value_of(flag: str, arguments: Sequence[str]) -> str | None:
+    """Return what a command line gives an option, if it does; the last one counts."""
+    value = None
+    for argument, following in zip(arguments, [*arguments[1:], None], strict=True):
+        if argument == flag and following is not None:
+            value = following
+        elif argument.startswith(f"{flag}="):
+            value = argument.partition("=")[2]
+    return value
+
+
+def _name(argument: str) -> str:
+    """Return the field that an option names: `--no-mask` and `--mask=...` name mask."""
+    return argument.partition("=")[0].removeprefix("--").removeprefix("no-").replace("-", "_")
+
+
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def _record(controller: LearnedController, env: VectorEnv, path: Path) -> None:

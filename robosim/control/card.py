@@ -22,6 +22,7 @@ from robosim.world.factory import WorldKind
 
 if TYPE_CHECKING:
     from robosim.envs.vector import VectorEnv
+    from robosim.envs.workers import WorkerVectorEnv
 
 FORMAT_VERSION: Final = 2
 """Raised when a card's meaning changes; a reader refuses the versions that it does not know."""
@@ -200,7 +201,7 @@ class PolicyCard(Record):
 
 
 def card_for(
-    env: VectorEnv,
+    env: VectorEnv | WorkerVectorEnv,
     spec: NetworkSpec,
     weights: Weights,
     technique: str,

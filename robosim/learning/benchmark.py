@@ -12,8 +12,10 @@ import gymnasium
 import numpy as np
 import torch
 
-from robosim.learning.dqn import DqnSettings, Precision, StackedDoubleDQN, has_bfloat16, products_in
+from robosim.learning.algorithms.dqn.learner import DqnSettings, StackedDoubleDQN
+from robosim.learning.computing import one_thread
 from robosim.learning.networks import NetworkShape
+from robosim.learning.precision import Precision, products_in, rounds_to_bfloat16
 
 TEAM = NetworkShape(robots=8, inputs=90, hidden=(128, 128, 128), outputs=5)
 ONE_FOR_ALL = NetworkShape(robots=1, inputs=90, hidden=(128, 128, 128), outputs=5, normalised=True)
@@ -90,14 +92,15 @@ class Comparison:
 def measure_updates(
     updates: int, team: NetworkShape = TEAM, batch_sizes: Sequence[int] = BATCH_SIZES
 ) -> Iterator[UpdateCost]:
-    """Yield the cost of every case: batch size, and precision where the processor has units for it.
+    """Yield the cost of every case: batch size, and precision where torch rounds products to it.
 
     `updates` is about how many are timed in each. All that is compared is timed in turns, so that
     whatever slows the machine slows all of it.
     """
     alone = dataclasses.replace(team, robots=1)
-    precisions: tuple[Precision, ...] = ("float32", "bfloat16") if has_bfloat16() else ("float32",)
     for batch_size in batch_sizes:
+        rounds = all(rounds_to_bfloat16(shape, batch_size) for shape in (team, alone))
+        precisions: tuple[Precision, ...] = ("float32", "bfloat16") if rounds else ("float32",)
         work: list[Work] = []
         for precision in precisions:
             work.append(full_update(team, batch_size, precision))
@@ -111,8 +114,8 @@ def measure_updates(
 def measure_one_for_all(
     updates: int, network: NetworkShape = ONE_FOR_ALL, batch_size: int = TEAM.robots * BATCH_SIZES[0]
 ) -> UpdateCost:
-    """Return the cost of an update of `ps-dqn`: one network, normalised, with closed ways masked."""
-    update = full_update(network, batch_size, progress=(0, 4))
+    """Return the cost of an update of `ps-dqn`: one network, normalised, with blocked moves masked."""
+    update = full_update(network, batch_size, gains=(0, 4))
     seconds, products = time_in_turns([update, bare_products(network, batch_size)], updates)
     return UpdateCost(network.robots, batch_size, "float32", seconds, products, seconds)
 
@@ -136,13 +139,14 @@ def time_in_turns(work: Sequence[Work], calls: int) -> list[float]:
     A turn's first call is not timed: it finds the caches full of what others left.
     """
     turns: list[list[float]] = [[] for _ in work]
-    for _ in range(-(-calls // TURN)):
-        for function, seconds in zip(work, turns, strict=True):
-            function()
-            began = time.thread_time()
-            for _ in range(TURN):
+    with one_thread():
+        for _ in range(-(-calls // TURN)):
+            for function, seconds in zip(work, turns, strict=True):
                 function()
-            seconds.append((time.thread_time() - began) / TURN)
+                began = time.thread_time()
+                for _ in range(TURN):
+                    function()
+                seconds.append((time.thread_time() - began) / TURN)
     return [float(np.median(seconds)) for seconds in turns]
 
 
@@ -173,16 +177,16 @@ def full_update(
     shape: NetworkShape,
     batch_size: int,
     precision: Precision = "float32",
-    progress: tuple[int, int] | None = None,
+    gains: tuple[int, int] | None = None,
 ) -> Work:
-    """Return the update of a learner whose replay is filled; `progress` as in `DqnSettings`."""
+    """Return the update of a learner whose replay is filled; `gains` as in `DqnSettings`."""
     settings = DqnSettings(
         discount=0.99,
         batch_size=batch_size,
         target_interval=500,
         replay_capacity=TRANSITIONS,
         reward_scale=0.1,
-        progress=progress,
+        gains=gains,
     )
     learner = StackedDoubleDQN(shape, settings, np.random.SeedSequence(0), precision=precision)
     rng = np.random.default_rng(1)
@@ -215,7 +219,6 @@ def stable_baselines3_update(shape: NetworkShape, batch_size: int) -> Work:
         observation, successor = rng.random((2, 1, shape.inputs), np.float32)
         action, reward = rng.integers(shape.outputs, size=(1, 1)), rng.random(1, np.float32)
         buffer.add(observation, successor, action, reward, np.zeros(1), [{}])
-    torch.set_num_threads(1)
     return lambda: learner.train(gradient_steps=1, batch_size=batch_size)
 
 

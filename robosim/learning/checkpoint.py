@@ -7,10 +7,10 @@ runs no code from any of them.
 
 from __future__ import annotations
 
+import contextlib
 import json
-import os
+import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,11 @@ import safetensors.torch
 from torch import Tensor
 
 from robosim.errors import InputError
-from robosim.files import whole_file
+from robosim.files import is_regular, write_whole
 
 FORMAT = "robosim-checkpoint-1"
+_CHECKPOINT = re.compile(r"\d{12}\.safetensors")
+_PART = re.compile(r"experience-\d{4}-\d{12}-\d{12}\.zst")
 _KEPT = 2
 """Checkpoints kept: the latest, and the one before for the case that the latest is damaged."""
 
@@ -48,13 +50,17 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     """
     header = {"format": FORMAT, "step": checkpoint.step, "parts": checkpoint.parts, "facts": checkpoint.facts}
     data = safetensors.torch.save(dict(checkpoint.tensors), {"robosim": json.dumps(header)})
-    _write(folder / f"{checkpoint.step:012d}.safetensors", data)
+    write_whole(folder / f"{checkpoint.step:012d}.safetensors", data, durable=True)
     _tidy(folder)
 
 
 def write_part(folder: Path, name: str, tensors: Mapping[str, Tensor]) -> None:
-    """Write a part of the experience, compressed; InputError when it cannot be written."""
-    _write(folder / name, pa.compress(safetensors.torch.save(dict(tensors)), codec="zstd", asbytes=True))
+    """Write a part of the experience, compressed; InputError when it cannot be written.
+
+    `name` is `experience-STAGE-FIRST-LAST.zst`, with 4, 12 and 12 digits.
+    """
+    data = pa.compress(safetensors.torch.save(dict(tensors)), codec="zstd", asbytes=True)
+    write_whole(folder / name, data, durable=True)
 
 
 def read_part(folder: Path, name: str) -> dict[str, Tensor]:
@@ -69,9 +75,20 @@ def read_part(folder: Path, name: str) -> dict[str, Tensor]:
 
 def list_checkpoints(folder: Path) -> list[Path]:
     """Return the checkpoints in a folder, latest first."""
-    if not folder.is_dir():
-        return []
-    return sorted(folder.glob("[0-9]" * 12 + ".safetensors"), reverse=True)
+    return sorted((path for path in _written(folder) if _CHECKPOINT.fullmatch(path.name)), reverse=True)
+
+
+def is_checkpoint_file(name: str) -> bool:
+    """Return whether checkpoints and their parts have such names."""
+    return bool(_CHECKPOINT.fullmatch(name) or _PART.fullmatch(name))
+
+
+def remove_checkpoints(folder: Path) -> None:
+    """Remove all checkpoints and parts in a folder, and the folder if nothing else is in it."""
+    for path in _written(folder):
+        path.unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        folder.rmdir()
 
 
 def read_checkpoint(path: Path) -> Checkpoint:
@@ -92,7 +109,7 @@ def _read_header(path: Path) -> dict[str, Any]:
     return header
 
 
-@contextmanager
+@contextlib.contextmanager
 def _whole(path: Path, what: str) -> Iterator[None]:
     """Turn whatever shows that a file is no whole `what` into one sentence."""
     try:
@@ -109,12 +126,11 @@ def _reason(error: Exception) -> str:
     return " ".join(str(error).split())[:200] or type(error).__name__
 
 
-def _write(path: Path, data: bytes) -> None:
-    with whole_file(path) as part, part.open("wb") as file:
-        file.write(data)
-        file.flush()
-        # Before it takes its name: or a power cut could leave the name with nothing behind it.
-        os.fsync(file.fileno())
+def _written(folder: Path) -> list[Path]:
+    """Return the files in a folder that are named as those written here; what else lies there is not ours."""
+    if folder.is_symlink() or not folder.is_dir():
+        return []
+    return [path for path in folder.iterdir() if is_checkpoint_file(path.name) and is_regular(path)]
 
 
 def _tidy(folder: Path) -> None:
@@ -129,6 +145,6 @@ def _tidy(folder: Path) -> None:
         except InputError:
             # Damaged: whoever resumes is told; until then nothing is thrown away.
             return
-    for path in folder.glob("experience-*"):
-        if path.name not in needed:
+    for path in _written(folder):
+        if _PART.fullmatch(path.name) and path.name not in needed:
             path.unlink(missing_ok=True)

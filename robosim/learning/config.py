@@ -2,250 +2,154 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, ClassVar, Literal, Self
 
-import numpy as np
-from numpy.typing import NDArray
+import tomli_w
+from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
-from robosim.errors import InputError, nearest_names
+from robosim.envs.config import EnvConfig
+from robosim.errors import InputError, nearest_names, shown
+from robosim.learning.algorithms.dqn.config import DqnConfig
+from robosim.learning.algorithms.protocol import AlgorithmConfig
+from robosim.learning.algorithms.registry import algorithm_names, find_algorithm
 from robosim.learning.technique import find_technique
+from robosim.records import Record
 
-if TYPE_CHECKING:
-    from robosim.discretise.pheromone import PheromoneConfig
+DEFAULT_TECHNIQUE = "ps-dqn"
+TRAINING_ENV = EnvConfig(robots=2, pellet_gradient=8.0, episode_steps=1250)
+"""Short episodes that begin as long digging leaves the pellets, so that many moments of it are seen."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrainConfig:
-    """Everything that a run depends on."""
+class ScheduleConfig(Record):
+    """How much is learned, and by whom at a time."""
 
-    arena: str = "paper"
-    """Arena by name, or the path of its file."""
-    robots: int = 2
-    """Size of the team."""
-    technique: str = "ps-dqn"
-    """iql, iql+g, iql+gs and smadrl as in the paper; iql+s, iql+sc and ps-dqn are ours."""
-    steps: int = 30_000
+    steps: int = Field(default=30_000, ge=1, le=10**10)
     """Joint decisions in total, summed over environments and over the stages of a curriculum."""
-    seed: int = 0
-    """Root of all randomness of the run."""
-    num_envs: int = 8
+    num_envs: int = Field(default=8, ge=1, le=4096)
     """Environments that run side by side."""
-    actions: Literal["cardinal", "wheels"] = "cardinal"
-    """What the five actions are."""
-    encoding: Literal["paper", "expanded"] = "expanded"
-    """How observations are written."""
-    sharing: Literal["copied", "split"] = "copied"
-    """Whether a global reward is paid to every robot in full, or in equal parts."""
-    pheromone_decay: float = 0.1
-    """alpha: the share of the pheromone that is lost in a decision."""
-    pheromone_reinforcement: float = 0.1
-    """beta: what a visit adds in a decision."""
-    pheromone_diffusion: float = 0.02
-    """The share of the difference that flows between neighbouring cells in a decision."""
-    pheromone_radius: int = 2
-    """Field of view: robots read the pheromones up to so many rows and columns away."""
-    pellet_gradient: float = 8.0
-    """How unevenly pellets lie as training episodes begin, as they do after long digging; 0 for evenly."""
-    episode_steps: int = 1250
-    """Decisions in a training episode; 0 for as many as the arena says."""
-    learning_rate: float = 1e-3
-    """Step size of Adam at the start."""
-    learning_rate_end: float = 0.02
-    """Share of the step size that is left at the end; it falls linearly. 1 keeps it."""
-    discount: float = 0.95
-    """Gamma: what a reward one decision later is worth."""
-    return_steps: int = 3
-    """Decisions whose rewards are summed before the estimate of what follows takes over."""
-    batch_size: int = 64
-    """Transitions of each robot in an update."""
-    epsilon_start: float = 1.0
-    """Share of random actions at the start."""
-    epsilon_end: float = 0.02
-    """Share of random actions once exploration has run down."""
-    epsilon_spread: float = 7.0
-    """How much less further environments explore: the i-th of n by epsilon ** (1 + spread * i / (n - 1))."""
-    exploration: float = 0.1
-    """Share of the run over which the share of random actions falls."""
-    hidden: tuple[int, ...] = (128, 128, 128)
-    """Width of each hidden layer."""
-    replay_capacity: int = 100_000
-    """Transitions kept of each robot; the oldest go first."""
-    warmup: int = 1000
-    """Joint decisions before the first update."""
-    updates_per_step: float = 0.5
-    """Updates per joint decision."""
-    target_interval: int = 100
-    """Updates between two copies of the network into its target network."""
-    reward_scale: float = 0.1
-    """Factor on rewards before learning."""
-    first_team: int = 2
+    curriculum: bool = False
+    """Newcomers join one at a time while the robots before them stay frozen; otherwise all learn together."""
+    first_team: int = Field(default=2, ge=1, le=1000)
     """Curriculum: robots that learn together first."""
     newcomer: Literal["scratch", "copy"] = "scratch"
     """Curriculum: a newcomer starts from random weights, or from a copy of the robot before it."""
-    fine_tune: float = 0.0
+    fine_tune: float = Field(default=0.0, ge=0, le=0.99)
     """Curriculum: share of the decisions, at the end, in which the whole team learns."""
-    steady_gain: float = 0.0
+    steady_gain: float = Field(default=0.0, ge=0, le=10)
     """Curriculum: a stage ends early once a fifth of it gains less return than this share; 0 for never."""
-    start_from: str = ""
+    start_from: str = Field(default="", max_length=4096)
     """Policy by name or folder whose robots the run starts with; empty for none."""
-    checkpoint_every: int = 10_000
-    """Joint decisions between two checkpoints, to be resumed from; 0 for none but at an interrupt."""
-    record_every: int = 0
-    """Joint decisions between two playbacks of the team so far; 0 for none."""
-    record_steps: int = 500
-    """Decisions in each of them."""
+
+
+class RunSettings(Record):
+    """How a run is carried out and what it leaves; of these, only the seed changes what is learned."""
+
+    technique: str = Field(default="", max_length=200)
+    """Name of the preset that the run was made from, for the record."""
+    seed: int = Field(default=0, ge=0, le=2**63 - 1)
+    """Root of all randomness of the run."""
+    workers: int = Field(default=1, ge=1, le=1024)
+    """Processes that the environments are shared out to; the result is the same."""
     overlap: bool = False
     """Act and learn at the same time, on two cores; the result is the same."""
-    device: str = "cpu"
-    """Where the networks learn: cpu, or cuda for a GPU. The environments always run on the processor."""
-    precision: Literal["float32", "bfloat16"] = "float32"
-    """What the matrix products of an update round to; bfloat16 needs a processor that has units for it."""
-    evaluation_episodes: int = 5
+    checkpoint_every: int = Field(default=10_000, ge=0, le=10**10)
+    """Joint decisions between two checkpoints, to be resumed from; 0 for none but at an interrupt."""
+    record_every: int = Field(default=0, ge=0, le=10**10)
+    """Joint decisions between two playbacks of the team so far; 0 for none."""
+    record_steps: int = Field(default=500, ge=1, le=10**9)
+    """Decisions in each of them."""
+    evaluation_episodes: int = Field(default=5, ge=0, le=4096)
     """Episodes without exploration after training; 0 for none."""
-    evaluation_steps: int = 0
+    evaluation_steps: int = Field(default=0, ge=0, le=10**8)
     """Decisions in each of them; 0 for as many as the arena says."""
 
-    def __post_init__(self) -> None:
-        """Check every field; InputError names the first that is wrong."""
-        find_technique(self.technique)
-        self.pheromone()
-        for name, (low, high) in _RANGES.items():
-            value = getattr(self, name)
-            if not (math.isfinite(value) and low <= value <= high):
-                raise InputError(f"{name} is {value}: it must be a number from {low:g} to {high:g}.")
-        for name, allowed in _CHOICES.items():
-            if getattr(self, name) not in allowed:
-                raise InputError(f"{name} is {getattr(self, name)!r}: it must be {' or '.join(allowed)}.")
-        if not 1 <= len(self.hidden) <= 8 or not all(1 <= width <= 4096 for width in self.hidden):
-            raise InputError(f"hidden is {self.hidden}: it must be 1 to 8 widths from 1 to 4096.")
-        if self.epsilon_end > self.epsilon_start:
-            raise InputError(
-                f"epsilon_end is {self.epsilon_end}: it must not exceed epsilon_start, {self.epsilon_start}."
+
+class RunConfig(Record):
+    """Everything that a run depends on."""
+
+    plain_options: ClassVar[bool] = True
+
+    env: EnvConfig = TRAINING_ENV
+    """What the team learns in."""
+    algorithm: SerializeAsAny[AlgorithmConfig] = DqnConfig()
+    """What learns, and how."""
+    schedule: ScheduleConfig = ScheduleConfig()
+    """How much is learned, and by whom at a time."""
+    run: RunSettings = RunSettings()
+    """How the run is carried out."""
+
+    @field_validator("algorithm", mode="before")
+    @classmethod
+    def _find_algorithm(cls, value: object) -> object:
+        if not isinstance(value, Mapping):
+            return value
+        if "name" not in value:
+            raise ValueError(f"name is missing; it must be {' or '.join(map(shown, algorithm_names()))}")
+        return find_algorithm(str(value["name"]))(**value)
+
+    @model_validator(mode="after")
+    def _check_curriculum(self) -> Self:
+        if self.schedule.curriculum and self.algorithm.shares_parameters:
+            raise ValueError(
+                "curriculum is true, but must be false where all robots run one network: it cannot be frozen "
+                "beside itself"
             )
-
-    def pheromone(self) -> PheromoneConfig:
-        """Return the constants of the pheromone map."""
-        # Here, since parsing a command line must not load what arenas need.
-        from robosim.discretise.pheromone import PheromoneConfig
-
-        return PheromoneConfig(
-            decay=self.pheromone_decay,
-            reinforcement=self.pheromone_reinforcement,
-            diffusion=self.pheromone_diffusion,
-            radius=self.pheromone_radius,
-        )
-
-    def epsilon(self, progress: float) -> float:
-        """Return the share of random actions at `progress` (0 to 1) of a stage; it falls, then stays."""
-        explored = 1.0 if self.exploration == 0.0 else min(1.0, progress / self.exploration)
-        return self.epsilon_start + (self.epsilon_end - self.epsilon_start) * explored
-
-    def epsilons(self, epsilon: float) -> NDArray[np.float64]:
-        """Return the share of random actions in each environment, [envs], from that of the first.
-
-        All but the first soon act almost greedily (Horgan 2018), so that experience holds what the finished
-        team would do, standstill included.
-        """
-        place = np.arange(self.num_envs) / max(1, self.num_envs - 1)
-        return np.asarray(epsilon ** (1.0 + self.epsilon_spread * place))
-
-    def learning_rate_at(self, progress: float) -> float:
-        """Return Adam's step size at `progress` (0 to 1) of a stage: it falls linearly."""
-        return self.learning_rate * (1.0 + (self.learning_rate_end - 1.0) * min(1.0, progress))
+        if self.run.workers > self.schedule.num_envs:
+            raise ValueError(
+                f"workers is {self.run.workers}, but must be a whole number from 1 to num_envs, "
+                f"{self.schedule.num_envs}"
+            )
+        return self
 
 
-_CHOICES = {
-    "actions": ("cardinal", "wheels"),
-    "encoding": ("paper", "expanded"),
-    "sharing": ("copied", "split"),
-    "newcomer": ("scratch", "copy"),
-    "precision": ("float32", "bfloat16"),
-}
+def run_config(technique: str = DEFAULT_TECHNIQUE, **options: Any) -> RunConfig:
+    """Return the configuration of a run by a technique, with other values in the fields of these names.
 
-_RANGES: dict[str, tuple[float, float]] = {
-    "robots": (1, 1000),
-    "steps": (1, 10**10),
-    "seed": (0, 2**63 - 1),
-    "num_envs": (1, 10_000),
-    "pellet_gradient": (0.0, 50.0),
-    "episode_steps": (0, 10**9),
-    "learning_rate": (1e-8, 1.0),
-    "learning_rate_end": (0.0, 1.0),
-    "discount": (0.0, 0.99999),
-    "return_steps": (1, 1000),
-    "batch_size": (1, 65_536),
-    "epsilon_start": (0.0, 1.0),
-    "epsilon_end": (0.0, 1.0),
-    "epsilon_spread": (0.0, 1000.0),
-    "exploration": (0.0, 1.0),
-    "replay_capacity": (1, 10**8),
-    "warmup": (0, 10**10),
-    "updates_per_step": (0.0, 1000.0),
-    "target_interval": (1, 10**9),
-    "reward_scale": (1e-6, 1e6),
-    "first_team": (1, 1000),
-    "fine_tune": (0.0, 0.99),
-    "steady_gain": (0.0, 10.0),
-    "checkpoint_every": (0, 10**10),
-    "record_every": (0, 10**10),
-    "record_steps": (1, 10**9),
-    "evaluation_episodes": (0, 10_000),
-    "evaluation_steps": (0, 10**9),
-}
+    Names are those of the command line: `robots`, `steps`, `learning_rate`, `pheromone_decay` and so on.
+    InputError for a technique or an option that there is not, and for a wrong value.
+    """
+    preset = find_technique(technique)
+    algorithm = find_algorithm(preset.algorithm)()
+    base = RunConfig(algorithm=algorithm, run=RunSettings(technique=technique))
+    return base.with_options(**{**preset.options, **options})
 
 
-def write_config(config: TrainConfig, path: Path) -> None:
-    """Write every field as TOML, so that the file alone repeats the run."""
-    lines = [f"{name} = {_toml(value)}" for name, value in asdict(config).items()]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+def write_config(config: RunConfig, path: Path) -> None:
+    """Write every field as TOML, in a table each for env, algorithm, schedule and run; it repeats the run."""
+    tables = {name: getattr(config, name).model_dump(mode="json") for name in RunConfig.model_fields}
+    path.write_text(tomli_w.dumps(tables), encoding="utf-8")
 
 
-def read_config(path: Path) -> TrainConfig:
+def read_config(path: Path) -> RunConfig:
     """Read a file that `write_config` wrote; a missing key takes its default, an unknown one is an error.
 
     InputError in one sentence for a file that cannot be read, is not TOML, or holds a wrong value.
     """
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}.") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a TOML file ({error}).") from error
-    defaults = {field.name: field.default for field in fields(TrainConfig)}
-    checked: dict[str, Any] = {}
-    for name, value in values.items():
-        if name not in defaults:
-            raise InputError(f"{path}: unknown key {name!r}: {nearest_names(name, defaults)}")
-        checked[name] = _like(value, defaults[name], f"{path}: {name}")
-    try:
-        return TrainConfig(**checked)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+    for name, table in tables.items():
+        if name not in RunConfig.model_fields:
+            raise InputError(
+                f"{path}: {shown(name)} is no table: {nearest_names(name, RunConfig.model_fields)}"
+            )
+        if not isinstance(table, dict):
+            raise InputError(f"{path}: {name} is {shown(table)}, but must be a table.")
+    tables.setdefault("algorithm", {}).setdefault("name", DqnConfig().name)
+    tables["env"] = _over(TRAINING_ENV.model_dump(), tables.get("env", {}))
+    return RunConfig.from_table(tables, str(path))
 
 
-def _like(value: object, default: object, place: str) -> object:
-    if isinstance(default, tuple):
-        if isinstance(value, list) and all(type(item) is int for item in value):
-            return tuple(value)
-        raise InputError(f"{place} is {value!r}: it must be a list of whole numbers.")
-    if isinstance(default, float) and type(value) is int:
-        return float(value)
-    if type(value) is not type(default):
-        kind = {str: "a text", bool: "true or false", int: "a whole number", float: "a number"}[type(default)]
-        raise InputError(f"{place} is {value!r}: it must be {kind}.")
-    return value
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        plain = value.replace("\\", "\\\\").replace('"', '\\"')
-        return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in plain) + '"'
-    return repr(value)
+def _over(defaults: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the table with defaults where it holds nothing, in the tables of it too."""
+    merged = {**defaults, **table}
+    for name, value in defaults.items():
+        if isinstance(value, dict) and isinstance(merged[name], dict):
+            merged[name] = _over(value, merged[name])
+    return merged

@@ -9,9 +9,8 @@ from typing import Literal
 import numpy as np
 
 from robosim.errors import InputError
-from robosim.learning.config import TrainConfig
+from robosim.learning.config import RunConfig
 from robosim.learning.metrics import Metrics
-from robosim.learning.technique import find_technique
 
 Ending = Literal["steady", "budget"]
 """What ended a stage."""
@@ -39,7 +38,7 @@ class Stage:
         return self.robots - self.learning
 
 
-def plan_stages(config: TrainConfig, trained: int = 0) -> tuple[Stage, ...]:
+def plan_stages(config: RunConfig, trained: int = 0) -> tuple[Stage, ...]:
     """Return the stages of a run; `trained` robots come from the policy that it starts from.
 
     Without a curriculum there is one stage. With one (the paper's section on curriculum learning),
@@ -47,32 +46,32 @@ def plan_stages(config: TrainConfig, trained: int = 0) -> tuple[Stage, ...]:
     all once more. The first stage counts as many shares of the decisions as it has robots, a
     newcomer's counts one. InputError when a policy to start from does not go with the team.
     """
-    robots = config.robots
+    robots, schedule = config.env.robots, config.schedule
     if trained > robots:
-        raise InputError(f"start_from holds {trained} robots: it must hold at most the team's {robots}.")
-    if not find_technique(config.technique).curriculum:
+        raise InputError(f"start_from holds {trained} robots, but must hold at most the team's {robots}.")
+    if not schedule.curriculum:
         if trained not in (0, robots):
             raise InputError(
-                f"start_from holds {trained} robots: without a curriculum it must hold the team's {robots}."
+                f"start_from holds {trained} robots, but must hold the team's {robots} without a curriculum."
             )
         return (Stage("together", robots, robots, 1.0, explores=not trained),)
     stages: list[Stage] = []
     if not trained:
-        first = min(config.first_team, robots)
+        first = min(schedule.first_team, robots)
         stages.append(Stage("first team", first, first, float(first), explores=True))
         trained = first
-    fresh = config.newcomer == "scratch"
+    fresh = schedule.newcomer == "scratch"
     stages += [
         Stage(f"newcomer {number}", number, 1, 1.0, explores=fresh)
         for number in range(trained + 1, robots + 1)
     ]
-    if config.fine_tune > 0.0:
+    if schedule.fine_tune > 0.0:
         rest = sum(stage.share for stage in stages) or 1.0
-        share = rest * config.fine_tune / (1.0 - config.fine_tune)
+        share = rest * schedule.fine_tune / (1.0 - schedule.fine_tune)
         stages.append(Stage("fine-tuning", robots, robots, share, explores=False))
     if not stages:
         raise InputError(
-            f"start_from holds {trained} robots, the whole team: nothing is left to learn without fine_tune."
+            f"start_from holds {trained} robots, but must hold less than the whole team without fine_tune."
         )
     return tuple(stages)
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -32,13 +34,6 @@ class Metrics:
     """In the tunnel."""
     learning: int
     """How many of them learn."""
-    epsilon: float
-    """Share of random actions of the learning robots at the end of the row, in the environment that explores
-    most."""
-    learning_rate: float
-    """Adam's step size at the end of the row."""
-    loss: float
-    """Mean squared error of the latest batch, in scaled rewards, mean over robots; NaN before learning."""
     reward: float
     """Unscaled reward per decision and learning robot."""
     delivered: int
@@ -49,6 +44,17 @@ class Metrics:
     """Share of the robots that were in mode Collision: under way, in touch with something, standing still."""
     steps_per_second: float
     """Joint decisions per second of wall time."""
+    figures: Mapping[str, float]
+    """The algorithm's own, by name, as its latest update returned them."""
+
+    def as_record(self) -> dict[str, Any]:
+        """Return all fields, and the algorithm's figures beside them, by name."""
+        fixed = {name: getattr(self, name) for name in FIXED}
+        return fixed | dict(self.figures)
+
+
+FIXED = tuple(field.name for field in fields(Metrics) if field.name != "figures")
+"""Names of the columns that every algorithm has."""
 
 
 @dataclass(slots=True)
@@ -64,6 +70,7 @@ class Sums:
     delivered_before: int = 0
     collisions: int = 0
     blocked: float = 0.0
+    figures: dict[str, float] = field(default_factory=dict)
 
 
 class MetricsLog:
@@ -77,6 +84,19 @@ class MetricsLog:
     def begin_stage(self) -> None:
         """Count episodes and decisions of the stage anew."""
         self.sums.stage_step = self.sums.episodes = self.sums.delivered_before = 0
+        self.sums.figures = {}
+
+    def note(self, figures: Mapping[str, float]) -> None:
+        """Take in the figures of an update; those of the latest stand in the row.
+
+        ValueError for a name that a column of its own has.
+        """
+        if figures:
+            if not figures.keys().isdisjoint(FIXED):
+                raise ValueError(
+                    f"an algorithm's figures must not be named {sorted(figures.keys() & set(FIXED))}"
+                )
+            self.sums.figures = {name: float(value) for name, value in figures.items()}
 
     def add(
         self,
@@ -103,9 +123,7 @@ class MetricsLog:
         sums.collisions += int(np.count_nonzero(collided))
         sums.blocked += np.count_nonzero(blocked) / blocked.shape[1]
 
-    def cut(
-        self, stage: str, robots: int, learning: int, epsilon: float, learning_rate: float, loss: float
-    ) -> Metrics:
+    def cut(self, stage: str, robots: int, learning: int) -> Metrics:
         """Close the row and return it."""
         now, sums = time.perf_counter(), self.sums
         row = Metrics(
@@ -116,14 +134,12 @@ class MetricsLog:
             stage_step=sums.stage_step,
             robots=robots,
             learning=learning,
-            epsilon=epsilon,
-            learning_rate=learning_rate,
-            loss=loss,
             reward=sums.reward / sums.decisions,
             delivered=sums.delivered,
             collisions=sums.collisions / sums.decisions,
             blocked=sums.blocked / sums.decisions,
             steps_per_second=sums.decisions / max(now - self._since, 1e-9),
+            figures=dict(sums.figures),
         )
         self.rows.append(row)
         sums.reward = sums.blocked = 0.0
@@ -132,15 +148,21 @@ class MetricsLog:
         return row
 
 
-def write_metrics(rows: list[Metrics], path: Path) -> None:
-    """Write one Parquet row per entry, a column per field."""
-    columns = {field.name: [getattr(row, field.name) for row in rows] for field in fields(Metrics)}
+def write_metrics(rows: Sequence[Metrics], path: Path) -> None:
+    """Write one Parquet row per entry: a column per field, and one per figure of the algorithm."""
     types = {"int": pa.int64(), "float": pa.float64(), "str": pa.string()}
-    schema = pa.schema([(field.name, types[str(field.type)]) for field in fields(Metrics)])
+    kinds = {one.name: types[str(one.type)] for one in fields(Metrics) if one.name in FIXED}
+    kinds |= {name: pa.float64() for row in rows for name in row.figures}
+    records = [row.as_record() for row in rows]
+    columns = {name: [record.get(name) for record in records] for name in kinds}
     with whole_file(path) as part:
-        pq.write_table(pa.table(columns, schema=schema), part)
+        pq.write_table(pa.table(columns, schema=pa.schema(list(kinds.items()))), part)
 
 
 def read_metrics(path: Path) -> list[Metrics]:
-    """Read back what `write_metrics` wrote."""
-    return [Metrics(**row) for row in pq.read_table(path).to_pylist()]
+    """Read back what `write_metrics` wrote; a row has the figures that it had."""
+    rows = []
+    for record in pq.read_table(path).to_pylist():
+        fixed = {name: record.pop(name) for name in FIXED}
+        rows.append(Metrics(**fixed, figures={n: value for n, value in record.items() if value is not None}))
+    return rows

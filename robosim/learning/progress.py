@@ -13,7 +13,7 @@ from robosim.learning.metrics import Metrics
 _LINES = 50
 """Lines that a piped run prints at most, apart from the last."""
 _SMOOTHING = 0.3
-"""Weight of the latest row in the speed from which the time left is told."""
+"""Weight of the latest row in the speed that the time left comes from."""
 
 
 @contextmanager
@@ -40,7 +40,7 @@ def show_progress(steps: int, console: Console | None = None) -> Iterator[Callab
 
 
 class _TimeLeft:
-    """Tells the time left from the speed of late."""
+    """Estimates the time left from the speed of late."""
 
     def __init__(self, steps: int) -> None:
         self._steps = steps
@@ -72,8 +72,8 @@ class _Lines:
 
 
 def _figures(row: Metrics) -> str:
+    own = "".join(f"{name.replace('_', ' ')} {value:.3g}  " for name, value in row.figures.items())
     return (
         f"pellets/1000 {1000.0 * row.delivered / row.decisions:.1f}  blocked {row.blocked:.0%}  "
-        f"collisions {row.collisions:.2f}  reward {row.reward:+.3f}  loss {row.loss:.3g}  "
-        f"epsilon {row.epsilon:.2f}  {row.steps_per_second:.0f} steps/s"
+        f"collisions {row.collisions:.2f}  reward {row.reward:+.3f}  {own}{row.steps_per_second:.0f} steps/s"
     )

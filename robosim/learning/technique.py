@@ -1,71 +1,42 @@
-"""Techniques: which of the paper's additions to independent Q-learning (IQL) are on."""
+"""Techniques: named presets of options, those of the paper and ours."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
-from robosim.errors import InputError, nearest_names
+from robosim.errors import InputError, nearest_names, shown
 
 
 @dataclass(frozen=True, slots=True)
 class Technique:
-    """Switches on top of independent Double DQN (the paper's section on the experimental setup)."""
+    """A preset: which algorithm learns, and the options of a run in which it differs from their defaults."""
 
     name: str
-    global_reward: bool
-    """Pickup and delivery are paid to every robot instead of the one that did it."""
-    stigmergy: bool
-    """Robots see the pheromone map around them."""
-    curriculum: bool
-    """Newcomers join one at a time, while the robots before them stay frozen."""
-    signed_distance: bool = False
-    """Losing ground costs what gaining it pays; the paper pays for gains alone, so going to and fro pays."""
-    idle_cost: bool = False
-    """A decision without making way costs what one at top speed pays; the paper fines robots that meet, but
-    not those that then wait for each other for ever."""
-    parameter_sharing: bool = False
-    """All robots act by one network, which learns from what each of them does (Gupta 2017)."""
-    normalised: bool = False
-    """What a hidden layer puts out is divided by its root mean square (Zhang 2019): no state, however rare,
-    is valued far above the others."""
-    action_mask: bool = False
-    """Robots do not choose ways that end at a wall or lead away from both goals, where their actions are
-    cardinal and their observations tell."""
+    algorithm: str
+    """By its name in the registry."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """By the short names of `run_config`: of the environment, of the algorithm, of the schedule."""
+    about: str = ""
+    """What it is, in a sentence."""
 
-    def __post_init__(self) -> None:
-        """Check that the switches go together; InputError if not."""
-        if self.curriculum and self.parameter_sharing:
-            raise InputError(
-                f"technique {self.name!r}: one network for all cannot be frozen beside itself, so "
-                "parameter_sharing and curriculum must not both be True."
-            )
+    def changed(self, name: str, /, **options: Any) -> Technique:
+        """Return a technique of that name with some options different."""
+        return Technique(name, self.algorithm, {**self.options, **options})
 
 
-TECHNIQUES = {
-    technique.name: technique
-    for technique in (
-        Technique("iql", global_reward=False, stigmergy=False, curriculum=False),
-        Technique("iql+g", global_reward=True, stigmergy=False, curriculum=False),
-        Technique("iql+gs", global_reward=True, stigmergy=True, curriculum=False),
-        # IQL+GSC in the paper's tables.
-        Technique("smadrl", global_reward=True, stigmergy=True, curriculum=True),
-        # Ours, not the paper's: without the noise of what others earn, and with no pay for dithering.
-        Technique("iql+s", global_reward=False, stigmergy=True, curriculum=False, signed_distance=True),
-        Technique("iql+sc", global_reward=False, stigmergy=True, curriculum=True, signed_distance=True),
-        Technique(
-            "ps-dqn",
-            global_reward=False,
-            stigmergy=True,
-            curriculum=False,
-            signed_distance=True,
-            idle_cost=True,
-            parameter_sharing=True,
-            normalised=True,
-            action_mask=True,
-        ),
-    )
-}
+_LOCAL = {"reward": "local", "signed_distance": True}
+"""Each robot is paid for what it does itself, and losing ground costs what gaining it pays."""
+
+TECHNIQUES: dict[str, Technique] = {}
 _ALIASES = {"iql+gsc": "smadrl"}
+
+
+def register_technique(technique: Technique) -> Technique:
+    """Make a technique known by its name, in the place of any that had it; returns it."""
+    TECHNIQUES[technique.name] = technique
+    return technique
 
 
 def find_technique(name: str) -> Technique:
@@ -73,4 +44,44 @@ def find_technique(name: str) -> Technique:
     try:
         return TECHNIQUES[_ALIASES.get(name, name)]
     except KeyError:
-        raise InputError(f"unknown technique {name!r}: {nearest_names(name, TECHNIQUES)}") from None
+        raise InputError(f"unknown technique {shown(name)}: {nearest_names(name, TECHNIQUES)}") from None
+
+
+_SHIPPED = (
+    Technique("iql", "dqn", {"reward": "local", "stigmergy": False}, "The paper's IQL."),
+    Technique("iql+g", "dqn", {"reward": "global", "stigmergy": False}, "The paper's IQL+G."),
+    Technique("iql+gs", "dqn", {"reward": "global", "stigmergy": True}, "The paper's IQL+GS."),
+    Technique(
+        "smadrl",
+        "dqn",
+        {"reward": "global", "stigmergy": True, "curriculum": True},
+        "The paper's S-MADRL, IQL+GSC in its tables.",
+    ),
+    Technique("ia2c", "ia2c", {"reward": "local", "stigmergy": False}, "The paper's I-A2C."),
+    # Ours: without the noise of what others earn, and with no pay for going to and fro.
+    Technique("iql+s", "dqn", {**_LOCAL, "stigmergy": True}, "Ours: own rewards, signed."),
+    Technique(
+        "iql+sc", "dqn", {**_LOCAL, "stigmergy": True, "curriculum": True}, "Ours: the same, one by one."
+    ),
+    Technique(
+        "ps-dqn",
+        "dqn",
+        {
+            **_LOCAL,
+            "stigmergy": True,
+            "idle_cost": True,
+            "parameters": "shared",
+            "normalisation": "rms",
+            "mask": True,
+        },
+        "Ours: one network for all, normalised, which does not choose blocked moves.",
+    ),
+    Technique(
+        "ps-a2c",
+        "ia2c",
+        {**_LOCAL, "stigmergy": True, "idle_cost": True, "parameters": "shared", "mask": True},
+        "Ours: one actor and critic for all, which do not choose blocked moves.",
+    ),
+)
+for _one in _SHIPPED:
+    register_technique(_one)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict
 from pathlib import Path
 
 from tensorboard.compat.proto.event_pb2 import Event, SessionLog
@@ -41,7 +40,7 @@ class Curves:
 
     def add(self, row: Metrics) -> None:
         """Add a row of the metrics; InputError when it cannot be written."""
-        figures = {name: value for name, value in asdict(row).items() if name not in _NOT_CURVES}
+        figures = {name: value for name, value in row.as_record().items() if name not in _NOT_CURVES}
         figures["pellets_per_1000"] = 1000.0 * row.delivered / row.decisions
         values = [Summary.Value(tag=n, simple_value=v) for n, v in figures.items() if not math.isnan(v)]
         self._write(Event(wall_time=time.time(), step=row.step, summary=Summary(value=values)))

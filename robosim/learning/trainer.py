@@ -1,17 +1,14 @@
-"""A training run and the folder that it fills: begin, resume, evaluate."""
+"""A training run in its folder: begin, resume, evaluate."""
 
 from __future__ import annotations
 
 import contextlib
 import platform
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
 import numpy as np
 import torch
@@ -25,27 +22,17 @@ from robosim.control.card import (
 )
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
-from robosim.control.network import NetworkSpec, Weights
-from robosim.control.policy import RUN_POLICY, Policy, save_policy
-from robosim.discretise.observation import gain_columns
+from robosim.control.policy import Policy, save_policy
 from robosim.envs.vector import VectorEnv
-from robosim.errors import InputError
-from robosim.files import write_whole
+from robosim.errors import InputError, shown
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint
-from robosim.learning.config import TrainConfig, read_config, write_config
+from robosim.learning.computing import one_thread
+from robosim.learning.config import RunConfig
+from robosim.learning.folder import Finished, RunFolder
+from robosim.learning.interrupts import hold_interrupts
 from robosim.learning.metrics import Metrics, write_metrics
 from robosim.learning.tensorboard import Curves
-from robosim.learning.training import EVALUATION_SEED, Training, count_robots, make_env
-
-CONFIG_FILE = "config.toml"
-METRICS_FILE = "metrics.parquet"
-EVALUATION_FILE = "evaluation.json"
-COMMAND_FILE = "command.txt"
-CHECKPOINTS = "checkpoints"
-RECORDINGS = "recordings"
-CURVES = "tensorboard"
-FACTS = {"algorithm": "double DQN"}
-"""What cards say of how the weights were learned, beside the command."""
+from robosim.learning.training import EVALUATION_SEED, Training, evaluation_env
 
 Report = Callable[[Metrics], None]
 Record = Callable[[LearnedController, VectorEnv, Path], None]
@@ -64,7 +51,7 @@ class TrainResult:
 
 
 def train(
-    config: TrainConfig, folder: Path, report: Report, command: str = "", record: Record | None = None
+    config: RunConfig, folder: Path, report: Report, command: str = "", record: Record | None = None
 ) -> TrainResult:
     """Learn, evaluate and fill `folder`: docs/learning.md lists what is in it.
 
@@ -73,41 +60,33 @@ def train(
     far, and raises KeyboardInterrupt; `resume` goes on from there. InputError for a folder that is in use or
     cannot be written, before learning.
     """
-    training = Training(config)
-    prepare_folder(folder)
-    write_config(config, folder / CONFIG_FILE)
-    write_whole(folder / COMMAND_FILE, command + "\n")
-    return _Run(training, folder, report, record, command).finish()
+    training, run_folder = Training(config), RunFolder(folder)
+    run_folder.begin(config, command)
+    return _Run(training, run_folder, report, record, command).finish()
 
 
 def resume(folder: Path, report: Report, record: Record | None = None, warn: Warn = print) -> TrainResult:
     """Go on with an interrupted run from its last good checkpoint, to the same bits as if never stopped.
 
     `warn` hears, in a sentence, of damaged checkpoints that are passed over. InputError when `folder` holds
-    no run, a finished one, or one whose checkpoints are all damaged.
+    no run, a finished one, one whose checkpoints are all damaged, or something else where a run writes.
     """
-    if not (folder / CONFIG_FILE).is_file():
-        raise InputError(f"{folder}: no run to resume: there is no {CONFIG_FILE} in it.")
-    config = read_config(folder / CONFIG_FILE)
-    if is_finished(config, folder):
-        raise InputError(f"{folder}: this run is finished; there is nothing to resume.")
-    try:
-        command = (folder / COMMAND_FILE).read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError):
-        command = ""
-    training, wall_time = _latest(config, folder / CHECKPOINTS, warn)
+    run_folder = RunFolder(folder)
+    config = run_folder.reopen()
+    training, wall_time = _latest(config, run_folder.checkpoints, warn)
     for row in training.log.rows[-1:]:
         report(row)
-    return _Run(training, folder, report, record, command, wall_time).finish()
+    return _Run(training, run_folder, report, record, run_folder.command(), wall_time).finish()
 
 
-def is_finished(config: TrainConfig, folder: Path) -> bool:
-    """Return whether a run has come to its end."""
-    last = EVALUATION_FILE if config.evaluation_episodes else METRICS_FILE
-    return (folder / last).is_file() and not list_checkpoints(folder / CHECKPOINTS)
+def finished_result(folder: Path) -> TrainResult | None:
+    """Return what a finished run has left; None where there is no run, or one that is not finished."""
+    run_folder = RunFolder(folder)
+    finished = run_folder.finished()
+    return TrainResult(folder, finished.wall_time, run_folder.evaluation()) if finished else None
 
 
-def _latest(config: TrainConfig, checkpoints: Path, warn: Warn) -> tuple[Training, float]:
+def _latest(config: RunConfig, checkpoints: Path, warn: Warn) -> tuple[Training, float]:
     """Return a run at its last good checkpoint, or at its beginning when it has none yet."""
     paths = list_checkpoints(checkpoints)
     problems: list[str] = []
@@ -133,7 +112,7 @@ class _Run:
     def __init__(
         self,
         training: Training,
-        folder: Path,
+        folder: RunFolder,
         report: Report,
         record: Record | None,
         command: str,
@@ -151,26 +130,24 @@ class _Run:
     def finish(self) -> TrainResult:
         config, training, folder = self._training.config, self._training, self._folder
         self._learn()
-        weights, card = training.weights(), self._card()
+        weights, card = training.actors().weights, self._card()
         evaluation = None
-        if config.evaluation_episodes:
-            controller = LearnedController(Policy(weights, card), str(folder))
+        if config.run.evaluation_episodes:
+            controller = LearnedController(Policy(weights, card), str(folder.path))
             evaluation = evaluate_run(config, controller, training.seed(EVALUATION_SEED))
-            save_policy(folder / RUN_POLICY, weights, card.changed(evaluation=evaluation))
-            write_whole(folder / EVALUATION_FILE, evaluation.model_dump_json(indent=2) + "\n")
-        # Not before: until here a kill must find something to go on from.
-        for path in (folder / CHECKPOINTS).glob("*"):
-            path.unlink()
-        with contextlib.suppress(OSError):
-            (folder / CHECKPOINTS).rmdir()
-        return TrainResult(folder, self._wall_time, evaluation)
+            save_policy(folder.policy, weights, card.changed(evaluation=evaluation))
+            folder.write_evaluation(evaluation)
+        folder.finish(Finished(training.step, self._wall_time))
+        return TrainResult(folder.path, self._wall_time, evaluation)
 
     def _learn(self) -> None:
         training, config = self._training, self._training.config
-        curves = Curves(self._folder / CURVES, training.step)
-        with _interrupts() as interrupted, contextlib.ExitStack() as stack:
-            beside = stack.enter_context(ThreadPoolExecutor(1)) if config.overlap else None
+        curves = Curves(self._folder.curves, training.step)
+        with hold_interrupts() as interrupted, contextlib.ExitStack() as stack:
+            beside = stack.enter_context(ThreadPoolExecutor(1)) if config.run.overlap else None
+            stack.enter_context(one_thread())
             stack.callback(curves.close)
+            stack.callback(training.close)
             whole = True
             try:
                 while not training.finished:
@@ -180,10 +157,11 @@ class _Run:
                     if row is not None:
                         curves.add(row)
                         self._report(row)
-                    if _passed(config.checkpoint_every, step, training.step):
-                        self._save()
-                    if self._record is not None and _passed(config.record_every, step, training.step):
+                    # Before the checkpoint: a run that goes on from there records what comes after it.
+                    if self._record is not None and _passed(config.run.record_every, step, training.step):
                         self._playback(self._record)
+                    if _passed(config.run.checkpoint_every, step, training.step):
+                        self._save()
                     if interrupted():
                         raise KeyboardInterrupt
             except KeyboardInterrupt:
@@ -198,108 +176,54 @@ class _Run:
     def _save(self) -> None:
         now = time.perf_counter()
         self._wall_time, self._since = self._wall_time + now - self._since, now
+        checkpoints = self._folder.checkpoints
         try:
-            (self._folder / CHECKPOINTS).mkdir(exist_ok=True)
-            write_metrics(self._training.log.rows, self._folder / METRICS_FILE)
-            self._training.save(self._folder / CHECKPOINTS, self._wall_time)
+            checkpoints.mkdir(exist_ok=True)
+            write_metrics(self._training.log.rows, self._folder.metrics)
+            self._training.save(checkpoints, self._wall_time)
         except (InputError, OSError) as error:
-            left = list_checkpoints(self._folder / CHECKPOINTS)
+            left = list_checkpoints(checkpoints)
             kept = f"the checkpoint of decision {self._saved_at} is kept" if left else "there is none before"
             raise InputError(f"{str(error).rstrip('.')}; {kept}.") from error
         self._saved_at = self._training.step
 
     def _save_policy(self) -> None:
-        save_policy(self._folder / RUN_POLICY, self._training.weights(), self._card())
+        save_policy(self._folder.policy, self._training.actors().weights, self._card())
 
     def _playback(self, record: Record) -> None:
         training, config = self._training, self._training.config
         card = self._card()
-        controller = LearnedController(Policy(training.weights(), card), str(self._folder))
+        controller = LearnedController(Policy(training.actors().weights, card), str(self._folder.path))
         # Not the stage's robots: as a stage begins, its newcomer has learned nothing and has no part yet.
-        env = make_env(config, 1, training.seed(EVALUATION_SEED), card.robots, config.record_steps)
-        (self._folder / RECORDINGS).mkdir(exist_ok=True)
-        record(controller, env, self._folder / RECORDINGS / f"{training.step:012d}.rrd")
+        seed = training.seed(EVALUATION_SEED)
+        env = evaluation_env(config, 1, seed, card.robots, config.run.record_steps)
+        record(controller, env, self._folder.recording(training.step))
 
     def _card(self) -> PolicyCard:
         training = self._training
-        stages = tuple(training.ended) if training.technique.curriculum else ()
+        stages = tuple(training.ended) if training.config.schedule.curriculum else ()
         about = TrainingCard(
             command=self._command,
-            seed=training.config.seed,
+            seed=training.config.run.seed,
             steps=training.step,
             wall_time=self._wall_time,
             versions=_versions(),
             stages=stages,
         )
-        weights = training.weights()
-        return card_for(training.env, self._spec(weights), weights, training.technique.name, about, FACTS)
-
-    def _spec(self, weights: Weights) -> NetworkSpec:
-        training, env, technique = self._training, self._training.env, self._training.technique
-        gains = gain_columns(env.layout.names, env.layout.actions)
-        shared, networks = technique.parameter_sharing, range(count_robots(weights))
-        return NetworkSpec(
-            inputs=env.layout.size,
-            hidden=training.config.hidden,
-            normalisation="rms" if technique.normalised else "none",
-            mask=technique.action_mask and gains is not None,
-            actions=env.num_actions,
-            of_robot=(0,) * env.robots if shared else tuple(networks),
-        )
+        actors, technique = training.actors(), training.config.run.technique
+        facts = {name: shown(value) for name, value in training.algorithm_config.model_dump().items()}
+        return card_for(training.env, actors.spec, actors.weights, technique, about, facts)
 
 
-def evaluate_run(config: TrainConfig, controller: LearnedController, seed: int) -> Evaluation:
+def evaluate_run(config: RunConfig, controller: LearnedController, seed: int) -> Evaluation:
     """Run the whole episodes without exploration that a configuration asks for."""
-    env = make_env(config, config.evaluation_episodes, seed, steps=config.evaluation_steps)
-    return evaluate(controller, env, config.evaluation_episodes, seed)
-
-
-def prepare_folder(folder: Path) -> None:
-    """Make the run folder; InputError if there is something in it, or it cannot be written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            held = (
-                "holds a run; `--resume` goes on with it"
-                if (folder / CONFIG_FILE).exists()
-                else "is not empty"
-            )
-            raise InputError(f"{folder}: this folder {held}; a new run needs a new one.")
-        probe = folder / CONFIG_FILE
-        probe.touch()
-    except FileExistsError:
-        raise InputError(f"{folder}: this is a file; a run needs a folder.") from None
-    except OSError as error:
-        raise InputError(f"{folder}: the run folder cannot be written: {error.strerror or error}.") from None
+    env = evaluation_env(config, config.run.evaluation_episodes, seed, steps=config.run.evaluation_steps)
+    return evaluate(controller, env, config.run.evaluation_episodes, seed)
 
 
 def _passed(every: int, before: int, after: int) -> bool:
     """Return whether a multiple of `every` lies beyond `before` and up to `after`; never for 0."""
     return every > 0 and after // every > before // every
-
-
-@contextlib.contextmanager
-def _interrupts() -> Iterator[Callable[[], bool]]:
-    """Hold Ctrl-C and SIGTERM back, and yield what tells whether one came; a second one interrupts at once.
-
-    Signals only reach the main thread; in another one this holds nothing back.
-    """
-    came: list[int] = []
-
-    def take(number: int, _frame: FrameType | None) -> None:
-        if came:
-            raise KeyboardInterrupt
-        came.append(number)
-
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
-        return
-    before = {number: signal.signal(number, take) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: bool(came)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _versions() -> dict[str, str]:

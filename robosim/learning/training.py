@@ -4,29 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from robosim.arena import load_arena
 from robosim.control.card import StageCard
 from robosim.control.learned import check_fit
+from robosim.control.network import NetworkSpec
 from robosim.control.policy import Policy, load_policy
-from robosim.discretise.observation import gain_columns
 from robosim.envs.vector import Snapshot, VectorEnv
-from robosim.errors import InputError
+from robosim.envs.workers import WorkerVectorEnv, vector_env
+from robosim.errors import InputError, shown
+from robosim.learning.actors import FrozenTeam, expanded, joined, robots_of
+from robosim.learning.algorithms.protocol import Actors, AlgorithmConfig, LargeMemory, Task
 from robosim.learning.checkpoint import Checkpoint, read_part, write_checkpoint, write_part
-from robosim.learning.config import TrainConfig
+from robosim.learning.config import RunConfig
 from robosim.learning.curriculum import Ending, Stage, is_steady, plan_stages, stage_budget
-from robosim.learning.dqn import DqnSettings, StackedDoubleDQN
-from robosim.learning.loop import FrozenTeam, StageLoop, Weights
+from robosim.learning.loop import StageLoop
 from robosim.learning.metrics import Metrics, MetricsLog, Sums
-from robosim.learning.networks import NetworkShape
-from robosim.learning.technique import Technique, find_technique
 
 EVALUATION_SEED = 2
 """Child of the run's root seed; 0 and 1 serve the first stage, and later ones take two each."""
@@ -35,7 +33,7 @@ EVALUATION_SEED = 2
 class Training:
     """Everything that changes while a team learns."""
 
-    def __init__(self, config: TrainConfig) -> None:
+    def __init__(self, config: RunConfig) -> None:
         """Read the arena and the policy to start from, if any; InputError when something does not fit."""
         self.config = config
         self.log = MetricsLog()
@@ -43,17 +41,16 @@ class Training:
         """Joint decisions of the run so far."""
         self.ended: list[StageCard] = []
         """The stages that are over."""
-        before = load_policy(config.start_from) if config.start_from else None
-        self.technique = technique_of(config, before)
-        """What the run learns by; it has the layers and the mask of the policy that it starts from."""
-        self._team = starting_team(config, before) if before else {}
-        """Weights of the robots that have learned in earlier stages."""
-        shared = self.technique.parameter_sharing
-        self.stages = plan_stages(
-            config, config.robots if shared and self._team else count_robots(self._team)
-        )
+        self.algorithm_config: AlgorithmConfig = config.algorithm
+        """Of what learns; as the policy that the run starts from needs it."""
+        self._team: Actors | None = None
+        """Networks of the robots that have learned in earlier stages."""
+        if config.schedule.start_from:
+            before = load_policy(config.schedule.start_from)
+            self.algorithm_config, self._team = starting_team(config, before)
+        self.stages = plan_stages(config, 0 if self._team is None else self._team.spec.robots)
         self._saved: list[tuple[int, int, str]] = []
-        """Parts of the present stage's experience that are on disk: first transition, last + 1, file."""
+        """Parts of the present stage's memory that are on disk: first item, last + 1, file."""
         self._begin(0)
 
     @property
@@ -79,19 +76,24 @@ class Training:
         rows = [one for one in self.log.rows if one.stage == self.stage.name]
         if loop.finished:
             self._end("budget")
-        elif is_steady(rows, loop.budget, self.config.steady_gain):
+        elif is_steady(rows, loop.budget, self.config.schedule.steady_gain):
             self._end("steady")
         return row
 
-    def weights(self) -> dict[str, NDArray[np.float32]]:
-        """Return the parameters of all robots so far, those that learn at present last."""
-        if self.finished or (self._team and not self.loop.step):
-            return dict(self._team)
-        return joined(self._team if self.stage.frozen else {}, self.learner.parameters.to_numpy())
+    def actors(self) -> Actors:
+        """Return the networks of all robots so far, those that learn at present last."""
+        if self._team is not None and (self.finished or not self.loop.step):
+            return self._team
+        return joined(self._team if self.stage.frozen else None, self.algorithm.actors())
+
+    def close(self) -> None:
+        """End what the environments run in."""
+        if isinstance(self.env, WorkerVectorEnv):
+            self.env.close()
 
     def _end(self, ending: Ending) -> None:
         stage = self.stage
-        self._team = self.weights()
+        self._team = self.actors()
         self.ended.append(
             StageCard(
                 name=stage.name,
@@ -107,62 +109,69 @@ class Training:
     def _begin(self, number: int) -> None:
         stage, config = self.stages[number], self.config
         learner_seed, env_seed = 2 * number + (number > 0), 2 * number + 1 + (number > 0)
-        budget = stage_budget(self.stages, number, max(1, config.steps - self.step))
-        self.env = make_env(config, config.num_envs, self.seed(env_seed), robots=stage.robots)
-        seed = np.random.SeedSequence(config.seed, spawn_key=(learner_seed,))
-        self.learner = make_learner(config, stage.learning, self.env, seed, budget, self.technique)
-        frozen = None
-        if stage.frozen:
-            shape = replace(self.learner.shape, robots=stage.frozen)
-            frozen = FrozenTeam(shape, self._team, self.learner.settings.progress)
+        budget = stage_budget(self.stages, number, max(1, config.schedule.steps - self.step))
+        if number or self.step:
+            self.close()
+        self.env = training_env(config, self.seed(env_seed), stage.robots)
+        frozen, start, team = None, None, self._team
+        if stage.frozen and team is not None:
+            frozen = FrozenTeam(team, task_of(self.env, stage, budget).gains)
             if not stage.explores:
                 # A newcomer that copies takes after the robot before it.
-                self.learner.load_parameters(robots_of(self._team, stage.frozen - 1, stage.frozen))
-        elif self._team:
-            self.learner.load_parameters(self._team)
+                start = robots_of(team, stage.frozen - 1, stage.frozen)
+        elif team is not None:
+            start = team if self.algorithm_config.shares_parameters else expanded(team)
+        seed = np.random.SeedSequence(config.run.seed, spawn_key=(learner_seed,))
+        task = task_of(self.env, stage, budget)
+        self.algorithm = self.algorithm_config.build(task, seed, start)
         self._saved = []
         self.log.begin_stage()
-        self.loop = StageLoop(config, stage, budget, self.env, self.learner, frozen, self.log)
+        self.loop = StageLoop(stage, budget, self.env, self.algorithm, frozen, self.log)
 
     def seed(self, child: int) -> int:
         """Return a number drawn from a child of the run's root seed."""
-        return int(np.random.SeedSequence(self.config.seed, spawn_key=(child,)).generate_state(1)[0])
+        return int(np.random.SeedSequence(self.config.run.seed, spawn_key=(child,)).generate_state(1)[0])
 
     def save(self, folder: Path, wall_time: float) -> None:
         """Write a checkpoint, `wall_time` (s) into the run.
 
         InputError, and the one before untouched, when it cannot be written.
         """
-        tensors: dict[str, torch.Tensor] = {f"team.{n}": torch.from_numpy(a) for n, a in self._team.items()}
+        tensors: dict[str, torch.Tensor] = {}
         facts: dict[str, Any] = {
             "ended": [stage.model_dump() for stage in self.ended],
             "sums": asdict(self.log.sums),
             "rows": [asdict(row) for row in self.log.rows],
             "wall_time": wall_time,
         }
+        if self._team is not None:
+            facts["team"] = self._team.spec.model_dump()
+            tensors |= {f"team.{name}": torch.from_numpy(a) for name, a in self._team.weights.items()}
         if not self.finished:
             snapshot = self.env.snapshot()
-            self._save_experience(folder)
-            tensors |= self.loop.state()
+            self._save_memory(folder)
+            own, loop = self.loop.state()
+            tensors |= own
             tensors["actions"] = torch.from_numpy(snapshot.actions)
             facts |= {
-                "loop": self.loop.counters(),
+                "loop": loop,
                 "seeds": snapshot.seeds,
                 "episode": snapshot.episode,
-                "experience": self._saved,
+                "memory": self._saved,
             }
         write_checkpoint(folder, Checkpoint(self.step, tensors, facts, tuple(n for _, _, n in self._saved)))
 
-    def _save_experience(self, folder: Path) -> None:
-        """Write what has been added since the checkpoint before, and forget what the replay has dropped."""
-        replay, number = self.learner.replay, len(self.ended)
-        oldest = replay.added - replay.length
+    def _save_memory(self, folder: Path) -> None:
+        """Write what has been added since the checkpoint before, and forget what the memory has dropped."""
+        if not isinstance(self.algorithm, LargeMemory):
+            return
+        (oldest, end), number = self.algorithm.held(), len(self.ended)
         saved = [part for part in self._saved if part[1] > oldest]
         first = max(saved[-1][1] if saved else 0, oldest)
-        if first < replay.added:
-            name = f"experience-{number:04d}-{first:012d}-{replay.added:012d}.zst"
-            write_part(folder, name, replay.export(first, replay.added))
-            saved.append((first, replay.added, name))
+        if first < end:
+            name = f"experience-{number:04d}-{first:012d}-{end:012d}.zst"
+            write_part(folder, name, self.algorithm.export(first, end))
+            saved.append((first, end, name))
         self._saved = saved
 
     def restore(self, checkpoint: Checkpoint, folder: Path) -> None:
@@ -180,8 +189,10 @@ class Training:
 
     def _restore(self, tensors: Mapping[str, torch.Tensor], facts: Mapping[str, Any], folder: Path) -> None:
         self.ended = [StageCard.model_validate(stage) for stage in facts["ended"]]
-        team = {n.removeprefix("team."): t.numpy() for n, t in tensors.items() if n.startswith("team.")}
-        self._team = team
+        if "team" in facts:
+            prefix = "team."
+            team = {n.removeprefix(prefix): t.numpy() for n, t in tensors.items() if n.startswith(prefix)}
+            self._team = Actors(NetworkSpec.model_validate(facts["team"]), team)
         self.log.rows[:] = [Metrics(**row) for row in facts["rows"]]
         if not self.finished:
             # The stage began when the run had taken this many decisions; its budget depends on that.
@@ -190,125 +201,58 @@ class Training:
             seeds, episode = tuple(map(int, facts["seeds"])), int(facts["episode"])
             snapshot = Snapshot(seeds, episode, tensors["actions"].numpy())
             self.loop.restore(tensors, facts["loop"], self.env.restore(snapshot))
-            self._saved = [(int(first), int(last), str(name)) for first, last, name in facts["experience"]]
-            if self._saved:
+            self._saved = [(int(first), int(last), str(name)) for first, last, name in facts["memory"]]
+            if self._saved and isinstance(self.algorithm, LargeMemory):
                 parts = (read_part(folder, name) for _, _, name in self._saved)
-                self.learner.replay.restore(self._saved[0][0], parts)
+                self.algorithm.recall(self._saved[0][0], parts)
         self.log.sums = Sums(**facts["sums"])
 
 
-def technique_of(config: TrainConfig, before: Policy | None) -> Technique:
-    """Return the technique of a run: that of its name, with what the policy that it starts from needs to act.
-
-    Networks that learned with normalised layers or behind a mask know nothing of acting without.
-    """
-    technique = find_technique(config.technique)
-    if before is None:
-        return technique
-    needs = before.card.network
-    return replace(technique, normalised=needs.normalisation == "rms", action_mask=needs.mask)
-
-
-def starting_team(config: TrainConfig, policy: Policy) -> Weights:
-    """Return the weights of the policy that a run starts from; InputError when they do not fit the run."""
-    robots, network = policy.card.robots, policy.card.network
-    if (network.input, network.activation, network.output) != ("own", "relu", "action values"):
-        raise InputError(
-            f"start_from {config.start_from!r} has networks with {network.input} input, {network.activation} "
-            f"and {network.output}: a run starts from ones with own input, relu and action values."
-        )
-    if network.hidden != config.hidden:
-        raise InputError(
-            f"start_from {config.start_from!r} has hidden layers {list(network.hidden)}: "
-            f"the run's must be the same, not {list(config.hidden)}."
-        )
-    if robots <= config.robots or network.shared:
-        check_fit(policy, make_env(config, 1, 0, robots=min(robots, config.robots)), config.start_from)
-    if not find_technique(config.technique).parameter_sharing:
-        return {name: array[list(network.of_robot)] for name, array in policy.weights().items()}
-    if not network.shared:
-        raise InputError(
-            f"start_from {config.start_from!r} has a network for each robot: technique {config.technique} "
-            "starts from one that all robots share."
-        )
-    return policy.weights()
-
-
-def robots_of(weights: Weights, first: int, last: int) -> dict[str, NDArray[np.float32]]:
-    """Return the weights of robots `first` to `last - 1`."""
-    return {name: array[first:last] for name, array in weights.items()}
-
-
-def joined(before: Weights, after: Weights) -> dict[str, NDArray[np.float32]]:
-    """Return the weights of two teams as those of one."""
-    if not before:
-        return dict(after)
-    return {name: np.concatenate((before[name], array)) for name, array in after.items()}
-
-
-def count_robots(weights: Weights) -> int:
-    """Return how many robots the weights are for."""
-    return len(weights["layer0.weight"]) if weights else 0
-
-
-def make_env(
-    config: TrainConfig, num_envs: int, seed: int, robots: int | None = None, steps: int | None = None
-) -> VectorEnv:
-    """Return the environments that a configuration asks for.
-
-    `robots` and `steps` replace its team and its length of an episode, where 0 is the arena's own; with
-    `steps`, which is not for training, pellets lie evenly.
-    """
-    technique = find_technique(config.technique)
-    return VectorEnv(
-        load_arena(config.arena),
-        robots=config.robots if robots is None else robots,
-        num_envs=num_envs,
-        seed=seed,
-        actions=config.actions,
-        encoding=config.encoding,
-        stigmergy=technique.stigmergy,
-        reward="global" if technique.global_reward else "local",
-        sharing=config.sharing,
-        signed_distance=technique.signed_distance,
-        idle_cost=technique.idle_cost,
-        pellet_gradient=config.pellet_gradient if steps is None else 0.0,
-        episode_steps=(config.episode_steps if steps is None else steps) or None,
-        pheromone=config.pheromone(),
-    )
-
-
-def make_learner(
-    config: TrainConfig,
-    robots: int,
-    env: VectorEnv,
-    seed: np.random.SeedSequence,
-    steps: int,
-    technique: Technique | None = None,
-) -> StackedDoubleDQN:
-    """Return a fresh learner for `robots` robots; InputError when its replay exceeds the memory.
-
-    `steps` is how many joint decisions it will learn from at most; `technique` is the configuration's where
-    none is given.
-    """
-    technique, layout = technique or find_technique(config.technique), env.layout
-    # One network for all learns from as many transitions as their own networks would together.
-    networks, each = (1, robots) if technique.parameter_sharing else (robots, 1)
-    shape = NetworkShape(networks, layout.size, config.hidden, env.num_actions, technique.normalised)
-    # More room than there are decisions would be reserved in vain.
-    capacity = max(min(config.replay_capacity, steps + config.num_envs), config.num_envs)
-    settings = DqnSettings(
-        discount=config.discount**config.return_steps,
-        batch_size=config.batch_size * each,
-        target_interval=config.target_interval,
-        replay_capacity=capacity * each,
-        reward_scale=config.reward_scale,
-        progress=gain_columns(layout.names, config.actions) if technique.action_mask else None,
-    )
+def starting_team(config: RunConfig, policy: Policy) -> tuple[AlgorithmConfig, Actors]:
+    """Return how a run learns that starts from a policy, and its networks; InputError if they do not fit."""
+    card, start = policy.card, config.schedule.start_from
+    spec, robots = card.network, config.env.robots
     try:
-        return StackedDoubleDQN(shape, settings, seed, config.device, config.precision)
-    except (RuntimeError, MemoryError) as error:
-        raise InputError(
-            f"replay_capacity is {config.replay_capacity}: {robots} robots with observations of "
-            f"{env.layout.size} numbers need more memory than there is."
-        ) from error
+        algorithm = config.algorithm.starting_from(spec)
+    except InputError as error:
+        raise InputError(f"start_from {shown(start)} {error}") from None
+    if card.robots <= robots or spec.shared:
+        check_fit(policy, evaluation_env(config, 1, 0, min(card.robots, robots)), start)
+    actors = Actors(spec.changed(precision="float32"), policy.weights())
+    if algorithm.shares_parameters:
+        # One network drives a team of any size.
+        actors = Actors(actors.spec.changed(of_robot=(0,) * robots), actors.weights)
+    return algorithm, actors
+
+
+def task_of(env: VectorEnv | WorkerVectorEnv, stage: Stage, budget: int) -> Task:
+    """Return what there is to learn in a stage of at most `budget` joint decisions."""
+    layout = env.layout
+    return Task(
+        robots=stage.learning,
+        num_envs=env.num_envs,
+        names=tuple(layout.names),
+        num_actions=env.num_actions,
+        actions=layout.actions,
+        decisions=budget,
+        explores=stage.explores,
+    )
+
+
+def training_env(config: RunConfig, seed: int, robots: int) -> VectorEnv | WorkerVectorEnv:
+    """Return the environments in which `robots` robots learn."""
+    workers, num_envs = config.run.workers, config.schedule.num_envs
+    return vector_env(config.env, num_envs=num_envs, seed=seed, workers=workers, robots=robots)
+
+
+def evaluation_env(
+    config: RunConfig, num_envs: int, seed: int, robots: int | None = None, steps: int = 0
+) -> VectorEnv:
+    """Return environments to see what a team has learned in: pellets lie evenly as an episode begins.
+
+    `steps` is the length of an episode, 0 for the arena's own.
+    """
+    robots = config.env.robots if robots is None else robots
+    return VectorEnv(
+        config.env, num_envs=num_envs, seed=seed, robots=robots, pellet_gradient=0.0, episode_steps=steps
+    )

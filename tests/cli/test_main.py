@@ -50,7 +50,7 @@ def test_wrong_usage_exits_with_2(arguments: list[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["train", "--robots", "0"], "robots is 0: it must be a number from 1 to 1000."),
+        (["train", "--robots", "0"], "env.robots is 0, but must be a whole number from 1 to 1000."),
         (["evaluate", "lanes", "--bobots", "2"], "Unrecognized options: --bobots, 2; did you mean --robots?"),
         (["train", "--seed", "x"], "Error parsing --seed: invalid literal for int() with base 10: 'x'; see"),
     ],

@@ -42,4 +42,4 @@ def test_a_policy_to_start_from_must_exist_and_fit(tmp_path, capsys):
 
 def test_a_device_that_is_not_there_is_a_sentence(tmp_path, capsys):
     assert main(["train", "--out", str(tmp_path / "run"), *TINY, "--device", "tpu"]) == 2
-    assert capsys.readouterr().err == "robosim: device is 'tpu': it must be cpu, or cuda for a GPU.\n"
+    assert capsys.readouterr().err == 'robosim: device is "tpu", but must be "cpu", or "cuda" for a GPU.\n'

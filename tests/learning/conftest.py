@@ -7,6 +7,7 @@ import pytest
 
 from robosim.arena import load_arena
 from robosim.envs.vector import Transition
+from robosim.learning.computing import one_thread
 
 LENGTH = 6
 
@@ -65,3 +66,10 @@ class Corridor:
 @pytest.fixture
 def corridor():
     return Corridor
+
+
+@pytest.fixture(autouse=True)
+def threads():
+    """Torch computes with one thread, as it does in a run."""
+    with one_thread():
+        yield

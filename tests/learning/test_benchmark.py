@@ -15,7 +15,8 @@ from robosim.learning.benchmark import (
     measure_updates,
     time_in_turns,
 )
-from robosim.learning.dqn import has_bfloat16
+from robosim.learning.precision import rounds_to_bfloat16
+from tests.learning.products import PROCESSORS
 
 SMALL = replace(TEAM, robots=2, inputs=8, hidden=(16, 16))
 
@@ -35,9 +36,13 @@ def test_what_is_derived_from_a_cost():
     assert Comparison("2", 64, 3000.0, 500.0).as_record()["ratio"] == 6.0
 
 
-def test_every_batch_size_is_measured_in_every_precision_there_is():
+@pytest.mark.parametrize("processor", PROCESSORS)
+def test_every_batch_size_is_measured_in_every_precision_there_is(monkeypatch, processor):
+    rounds = processor(monkeypatch)
     costs = list(measure_updates(1, SMALL, (4, 8)))
-    precisions = ["float32", "bfloat16"] if has_bfloat16() else ["float32"]
+    if rounds is None:
+        rounds = rounds_to_bfloat16(replace(SMALL, robots=1), 8)
+    precisions = ["float32", "bfloat16"] if rounds else ["float32"]
     assert [(c.batch_size, c.precision) for c in costs] == [(b, p) for b in (4, 8) for p in precisions]
     for cost in costs:
         assert cost.robots == 2

@@ -1,50 +1,71 @@
-import dataclasses
+import pickle
+import tomllib
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robosim.errors import InputError
-from robosim.learning.config import TrainConfig, read_config, write_config
+from robosim.learning.config import RunConfig, read_config, run_config, write_config
 from robosim.learning.technique import TECHNIQUES, Technique, find_technique
 
 
 @given(
-    arena=st.text(st.characters(exclude_categories=["Cs"]), max_size=30),
+    technique=st.sampled_from(sorted(TECHNIQUES)),
+    arena=st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=30),
     learning_rate=st.floats(1e-8, 1.0),
     hidden=st.lists(st.integers(1, 4096), min_size=1, max_size=8).map(tuple),
     seed=st.integers(0, 2**63 - 1),
     overlap=st.booleans(),
 )
-def test_config_survives_its_file(tmp_path_factory, arena, learning_rate, hidden, seed, overlap):
+def test_config_survives_its_file(tmp_path_factory, technique, arena, learning_rate, hidden, seed, overlap):
     path = tmp_path_factory.mktemp("config") / "config.toml"
-    config = TrainConfig(arena=arena, learning_rate=learning_rate, hidden=hidden, seed=seed, overlap=overlap)
+    config = run_config(
+        technique, arena=arena, learning_rate=learning_rate, hidden=hidden, seed=seed, overlap=overlap
+    )
     write_config(config, path)
     assert read_config(path) == config
-    names = [line.split(" = ")[0] for line in path.read_text().splitlines()]
-    assert names == [field.name for field in dataclasses.fields(TrainConfig)]
+    assert type(read_config(path).algorithm) is type(config.algorithm)
+    assert list(tomllib.loads(path.read_text())) == ["env", "algorithm", "schedule", "run"]
+    assert pickle.loads(pickle.dumps(config)) == config
 
 
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
         ("robots = ", "not a TOML file (Invalid value (at end of document))."),
-        ('robots = "two"', "robots is 'two': it must be a whole number."),
-        ("robots = true", "robots is True: it must be a whole number."),
-        ("robots = 0", "robots is 0: it must be a number from 1 to 1000."),
-        ("discount = nan", "discount is nan: it must be a number from 0 to 0.99999."),
-        ("hidden = [1.5]", "hidden is [1.5]: it must be a list of whole numbers."),
-        ("hidden = []", "hidden is (): it must be 1 to 8 widths from 1 to 4096."),
-        ("overlap = 1", "overlap is 1: it must be true or false."),
-        ('newcomer = "clone"', "newcomer is 'clone': it must be scratch or copy."),
+        ("robots = 2", '"robots" is no table: known names are algorithm, env, run, schedule.'),
+        ("env = 2", "env is 2, but must be a table."),
+        ('[env]\nrobots = "two"', 'env.robots is "two", but must be a whole number from 1 to 1000.'),
+        ("[env]\nrobots = true", "env.robots is true, but must be a whole number from 1 to 1000."),
+        ("[env]\nrobot = 2", '"robot" is not an option of env: did you mean robots or pheromone?'),
+        ('[env]\nactions = "jump"', 'env.actions is "jump", but must be "cardinal" or "wheels".'),
+        ("[env.pheromone]\ndecay = 2.0", "env.pheromone.decay is 2.0, but must be a number from 1e-06 to 1."),
         (
-            "pheromone_decay = 2.0",
-            "decay is 2.0, but must be a number from 1e-06 to 1.",
+            "[algorithm]\ndiscount = nan",
+            "algorithm: discount is nan, but must be a number from 0 to 0.99999.",
         ),
-        ("robot = 2", "unknown key 'robot': did you mean robots?"),
-        ("epsilon_start = 0.01", "epsilon_end is 0.02: it must not exceed epsilon_start, 0.01."),
-        ('actions = "jump"', "actions is 'jump': it must be cardinal or wheels."),
-        ('technique = "iql+gss"', "unknown technique 'iql+gss': did you mean iql+gs or iql+s or iql+g?"),
+        (
+            "[algorithm]\nhidden = []",
+            "algorithm: hidden is [], but must be a list of 1 to 8 whole numbers from 1 to 4096.",
+        ),
+        (
+            '[algorithm]\nname = "ia2c"\nepsilon_end = 0.1',
+            'algorithm: "epsilon_end" is not an option: did you mean learning_rate_end?',
+        ),
+        ('[algorithm]\nname = "dqm"', 'algorithm: unknown algorithm "dqm": did you mean dqn?'),
+        (
+            "[algorithm]\nepsilon_start = 0.01",
+            "algorithm: epsilon_end is 0.02, but must be a number of at most epsilon_start, 0.01.",
+        ),
+        ("[run]\noverlap = 1", "run.overlap is 1, but must be true or false."),
+        ('[schedule]\nnewcomer = "clone"', 'schedule.newcomer is "clone", but must be "scratch" or "copy".'),
+        (
+            '[schedule]\ncurriculum = true\n[algorithm]\nparameters = "shared"',
+            "curriculum is true, but must be false where all robots run one network: it cannot be frozen "  # noqa: ISC004
+            "beside itself.",
+        ),
+        ("[run]\nworkers = 9", "workers is 9, but must be a whole number from 1 to num_envs, 8."),
     ],
 )
 def test_wrong_file_is_one_sentence(tmp_path, text, sentence):
@@ -55,58 +76,85 @@ def test_wrong_file_is_one_sentence(tmp_path, text, sentence):
     assert str(caught.value).removeprefix(f"{path}: ") == sentence
 
 
+def test_missing_keys_take_their_defaults(tmp_path):
+    path = tmp_path / "config.toml"
+    path.write_text("[env]\nrobots = 5\n[env.pheromone]\nradius = 1")
+    config = read_config(path)
+    assert config == RunConfig().with_options(robots=5, pheromone_radius=1)
+    assert config.env.episode_steps == 1250
+
+
 def test_missing_file_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match=r"nowhere.toml: No such file or directory\.$"):
         read_config(tmp_path / "nowhere.toml")
 
 
-def test_exploration_falls_over_the_first_tenth_and_stays():
-    config = TrainConfig()
-    assert config.epsilon(0.0) == 1.0
-    assert config.epsilon(0.05) == pytest.approx(0.51)
-    assert config.epsilon(0.1) == pytest.approx(0.02)
-    assert config.epsilon(0.999) == pytest.approx(0.02)
-    assert TrainConfig(exploration=0.0).epsilon(0.0) == pytest.approx(0.02)
+@pytest.mark.parametrize(
+    ("technique", "options", "sentence"),
+    [
+        ("iql+gss", {}, 'unknown technique "iql+gss": did you mean iql+gs or iql+s or iql+g?'),
+        ("iql", {"robots": 0}, "env.robots is 0, but must be a whole number from 1 to 1000."),
+        ("iql", {"robot": 2}, '"robot" is not an option: did you mean robots?'),
+        (
+            "ia2c",
+            {"replay_capacity": 2},
+            '"replay_capacity" is not an option: did you mean steady_gain or reward_scale or reward_pickup?',
+        ),
+        (
+            "iql",
+            {"learning_rate": 7.0},
+            "algorithm: learning_rate is 7.0, but must be a number from 1e-08 to 1.",
+        ),
+    ],
+)
+def test_wrong_options_are_one_sentence(technique, options, sentence):
+    with pytest.raises(InputError) as caught:
+        run_config(technique, **options)
+    assert str(caught.value) == sentence
 
 
-def test_further_environments_explore_less():
-    config = TrainConfig(num_envs=3, epsilon_spread=2.0)
-    assert config.epsilons(1.0) == pytest.approx([1.0, 1.0, 1.0])
-    assert config.epsilons(0.02) == pytest.approx([0.02, 0.02**2, 0.02**3])
-    assert TrainConfig(num_envs=1).epsilons(0.02) == pytest.approx([0.02])
-    assert TrainConfig(epsilon_spread=0.0).epsilons(0.02) == pytest.approx([0.02] * 8)
+def test_short_names_reach_every_table():
+    config = run_config(
+        robots=4, sharing="split", pheromone_decay=0.2, learning_rate=5e-3, workers=2, steps=7
+    )
+    assert (config.env.robots, config.env.reward.sharing, config.env.pheromone.decay) == (4, "split", 0.2)
+    assert (config.algorithm.learning_rate, config.run.workers, config.schedule.steps) == (5e-3, 2, 7)
+    assert config.run.technique == "ps-dqn"
 
 
-def test_step_size_falls_in_a_line_to_its_share():
-    config = TrainConfig(learning_rate=1e-3, learning_rate_end=0.1)
-    assert config.learning_rate_at(0.0) == pytest.approx(1e-3)
-    assert config.learning_rate_at(0.5) == pytest.approx(5.5e-4)
-    assert config.learning_rate_at(1.0) == config.learning_rate_at(2.0) == pytest.approx(1e-4)
-
-
-def test_techniques_add_one_thing_each():
-    flags = {name: (t.global_reward, t.stigmergy, t.curriculum) for name, t in TECHNIQUES.items()}
-    assert flags == {
-        "iql": (False, False, False),
-        "iql+g": (True, False, False),
-        "iql+s": (False, True, False),
-        "iql+gs": (True, True, False),
-        "smadrl": (True, True, True),
-        "iql+sc": (False, True, True),
-        "ps-dqn": (False, True, False),
+def test_techniques_are_what_the_paper_and_we_say():
+    facts = {}
+    for name in TECHNIQUES:
+        config = run_config(name)
+        reward = config.env.reward
+        facts[name] = (
+            config.algorithm.name,
+            reward.kind,
+            reward.signed_distance,
+            reward.idle_cost,
+            config.env.stigmergy,
+            config.schedule.curriculum,
+            config.algorithm.parameters,
+            config.algorithm.mask,
+        )
+    assert facts == {
+        "iql": ("dqn", "local", False, False, False, False, "own", False),
+        "iql+g": ("dqn", "global", False, False, False, False, "own", False),
+        "iql+gs": ("dqn", "global", False, False, True, False, "own", False),
+        "smadrl": ("dqn", "global", False, False, True, True, "own", False),
+        "ia2c": ("ia2c", "local", False, False, False, False, "own", False),
+        "iql+s": ("dqn", "local", True, False, True, False, "own", False),
+        "iql+sc": ("dqn", "local", True, False, True, True, "own", False),
+        "ps-dqn": ("dqn", "local", True, True, True, False, "shared", True),
+        "ps-a2c": ("ia2c", "local", True, True, True, False, "shared", True),
     }
-    alone = [t for t in TECHNIQUES.values() if t.name != "ps-dqn"]
-    assert not any(t.parameter_sharing or t.normalised or t.action_mask for t in alone)
-    ours = find_technique("ps-dqn")
-    assert (ours.parameter_sharing, ours.normalised, ours.action_mask) == (True, True, True)
-    assert find_technique("iql").name == "iql"
+    assert [
+        name for name in TECHNIQUES if getattr(run_config(name).algorithm, "normalisation", "") == "rms"
+    ] == ["ps-dqn"]
     assert find_technique("iql+gsc").name == "smadrl"
 
 
-def test_one_network_for_all_and_a_curriculum_exclude_each_other():
-    with pytest.raises(InputError) as caught:
-        Technique("x", False, True, curriculum=True, parameter_sharing=True)
-    assert str(caught.value) == (
-        "technique 'x': one network for all cannot be frozen beside itself, so parameter_sharing and "
-        "curriculum must not both be True."
-    )
+def test_a_technique_is_one_line_from_another():
+    less = find_technique("ps-dqn").changed("ps-dqn without idle_cost", idle_cost=False)
+    assert isinstance(less, Technique)
+    assert less.options == find_technique("ps-dqn").options | {"idle_cost": False}

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robosim.errors import InputError
-from robosim.learning.config import TrainConfig
+from robosim.learning.config import run_config
 from robosim.learning.curriculum import is_steady, plan_stages, stage_budget
 
 
@@ -14,7 +14,7 @@ def shapes(stages):
 
 
 def test_two_first_then_newcomers_one_at_a_time_then_all():
-    config = TrainConfig(technique="smadrl", robots=4, fine_tune=0.5)
+    config = run_config("smadrl", robots=4, fine_tune=0.5)
     assert shapes(plan_stages(config)) == [
         ("first team", 2, 2, True),
         ("newcomer 3", 3, 1, True),
@@ -24,36 +24,36 @@ def test_two_first_then_newcomers_one_at_a_time_then_all():
 
 
 def test_without_a_curriculum_all_learn_together():
-    assert shapes(plan_stages(TrainConfig(technique="iql+gs", robots=4))) == [("together", 4, 4, True)]
-    assert shapes(plan_stages(TrainConfig(robots=4), trained=4)) == [("together", 4, 4, False)]
+    assert shapes(plan_stages(run_config("iql+gs", robots=4))) == [("together", 4, 4, True)]
+    assert shapes(plan_stages(run_config(robots=4), trained=4)) == [("together", 4, 4, False)]
 
 
 def test_a_trained_team_takes_the_place_of_the_first_stages():
-    config = TrainConfig(technique="smadrl", robots=4, newcomer="copy")
+    config = run_config("smadrl", robots=4, newcomer="copy")
     assert shapes(plan_stages(config, trained=3)) == [("newcomer 4", 4, 1, False)]
-    config = TrainConfig(technique="smadrl", robots=1)
+    config = run_config("smadrl", robots=1)
     assert shapes(plan_stages(config)) == [("first team", 1, 1, True)]
 
 
 @pytest.mark.parametrize(
     ("options", "trained", "sentence"),
     [
-        ({"robots": 2}, 3, "start_from holds 3 robots: it must hold at most the team's 2."),
+        ({"robots": 2}, 3, "start_from holds 3 robots, but must hold at most the team's 2."),
         (
             {"robots": 3},
             2,
-            "start_from holds 2 robots: without a curriculum it must hold the team's 3.",
+            "start_from holds 2 robots, but must hold the team's 3 without a curriculum.",
         ),
         (
             {"robots": 3, "technique": "smadrl"},
             3,
-            "start_from holds 3 robots, the whole team: nothing is left to learn without fine_tune.",
+            "start_from holds 3 robots, but must hold less than the whole team without fine_tune.",
         ),
     ],
 )
 def test_a_policy_that_does_not_go_with_the_team_is_a_sentence(options, trained, sentence):
     with pytest.raises(InputError) as caught:
-        plan_stages(TrainConfig(**options), trained)
+        plan_stages(run_config(**options), trained)
     assert str(caught.value) == sentence
 
 
@@ -65,7 +65,7 @@ def test_a_policy_that_does_not_go_with_the_team_is_a_sentence(options, trained,
     early=st.lists(st.floats(0.6, 1.0), min_size=20, max_size=20),
 )
 def test_budgets_use_up_the_run_also_when_stages_end_early(robots, first_team, fine_tune, steps, early):
-    config = TrainConfig(technique="smadrl", robots=robots, first_team=first_team, fine_tune=fine_tune)
+    config = run_config("smadrl", robots=robots, first_team=first_team, fine_tune=fine_tune)
     stages = plan_stages(config)
     taken = 0
     for number, stage in enumerate(stages):
@@ -79,7 +79,7 @@ def test_budgets_use_up_the_run_also_when_stages_end_early(robots, first_team, f
 
 
 def test_shares_are_a_robots_worth_each():
-    config = TrainConfig(technique="smadrl", robots=8, fine_tune=0.2)
+    config = run_config("smadrl", robots=8, fine_tune=0.2)
     stages, left, budgets = plan_stages(config), 100_000, []
     for number in range(len(stages)):
         budgets.append(stage_budget(stages, number, left))

@@ -10,8 +10,8 @@ def rows(steps):
     return [
         Metrics(
             step=step, decisions=500, episode=0, stage="newcomer 3", stage_step=step, robots=3, learning=1,
-            epsilon=0.02, learning_rate=1e-3, loss=0.1, reward=0.25, delivered=4, collisions=0.5,
-            blocked=0.125, steps_per_second=321.0,
+            reward=0.25, delivered=4, collisions=0.5, blocked=0.125, steps_per_second=321.0,
+            figures={"loss": 0.1, "learning_rate": 1e-3},
         )
         for step in range(500, steps + 1, 500)
     ]  # fmt: skip
@@ -31,7 +31,7 @@ def test_a_pipe_gets_at_most_fifty_lines_and_the_last():
     assert len(lines) <= 51
     assert lines[-1] == (
         "step 100000/100000  newcomer 3  pellets/1000 8.0  blocked 12%  collisions 0.50  reward +0.250  "
-        "loss 0.1  epsilon 0.02  321 steps/s  left 0:00"
+        "loss 0.1  learning rate 0.001  321 steps/s  left 0:00"
     )
     assert lines[0].endswith("left 5:10")
 

@@ -8,8 +8,8 @@ from robosim.learning.tensorboard import Curves
 def row(step, reward, loss=0.5):
     return Metrics(
         step=step, decisions=500, episode=0, stage="together", stage_step=step, robots=2, learning=2,
-        epsilon=0.02, learning_rate=1e-3, loss=loss, reward=reward, delivered=4, collisions=0.5, blocked=0.1,
-        steps_per_second=321.0,
+        reward=reward, delivered=4, collisions=0.5, blocked=0.1, steps_per_second=321.0,
+        figures={"loss": loss},
     )  # fmt: skip
 
 

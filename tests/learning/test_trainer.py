@@ -1,3 +1,4 @@
+import multiprocessing
 import signal
 import subprocess
 import sys
@@ -12,46 +13,58 @@ from robosim.control.card import Evaluation
 from robosim.control.policy import load_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
+from robosim.learning.actors import FrozenTeam, expanded
+from robosim.learning.algorithms.protocol import Actors
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint, write_checkpoint
-from robosim.learning.config import TrainConfig, read_config, write_config
+from robosim.learning.config import read_config, run_config
 from robosim.learning.curriculum import Stage
-from robosim.learning.loop import FrozenTeam, StageLoop
+from robosim.learning.folder import RunFolder
+from robosim.learning.loop import StageLoop
 from robosim.learning.metrics import MetricsLog, read_metrics
-from robosim.learning.technique import TECHNIQUES, find_technique
-from robosim.learning.trainer import prepare_folder, resume, train
-from robosim.learning.training import Training, make_learner
+from robosim.learning.trainer import resume, train
+from robosim.learning.training import Training, task_of
 
-WALK = TrainConfig(
-    technique="iql+s", steps=3000, num_envs=2, learning_rate=1e-3, discount=0.9, hidden=(32, 32, 32),
-    warmup=200, exploration=0.5, target_interval=100, reward_scale=1.0,
+WALK = run_config(
+    "iql+s", steps=3000, num_envs=2, learning_rate=1e-3, discount=0.9, hidden=(32, 32, 32), warmup=200,
+    exploration=0.5, target_interval=100, reward_scale=1.0,
 )  # fmt: skip
-SHORT = TrainConfig(
-    technique="iql+s",
-    steps=240,
-    robots=2,
-    num_envs=2,
-    episode_steps=60,
-    evaluation_steps=60,
-    warmup=40,
-    hidden=(16, 16, 16),
-    evaluation_episodes=2,
-)
-CURRICULUM = replace(SHORT, steps=800, robots=4, technique="smadrl", fine_tune=0.2)
+SMALL = {"steps": 240, "num_envs": 2, "episode_steps": 60, "evaluation_steps": 60, "evaluation_episodes": 2}
+
+
+def short(technique="iql+s", **options):
+    """Return the configuration of a run that takes a moment."""
+    own = {"hidden": (16, 16, 16)} | ({} if "a2c" in technique else {"warmup": 40})
+    return run_config(technique, **{**SMALL, **own, **options})
+
+
+SHORT = short()
+CURRICULUM = short("smadrl", steps=800, robots=4, fine_tune=0.2)
+
+
+def task(config, env, robots=None):
+    """Return what the robots of `env` have to learn."""
+    stage = Stage("together", env.robots, robots or env.robots, 1.0, explores=True)
+    return task_of(env, stage, config.schedule.steps)
+
+
+def learned(config, env):
+    """Return the algorithm, after all the decisions of a configuration in `env`."""
+    algorithm = config.algorithm.build(task(config, env), np.random.SeedSequence(0))
+    stage = Stage("together", env.robots, env.robots, 1.0, explores=True)
+    loop = StageLoop(stage, config.schedule.steps, env, algorithm, None, MetricsLog())
+    while not loop.finished:
+        loop.advance()
+    return algorithm
 
 
 @pytest.mark.parametrize("return_steps", [1, 3])
 def test_learns_to_walk_a_corridor_to_and_fro(corridor, return_steps):
-    config = replace(WALK, return_steps=return_steps)
-    env = corridor(robots=2, num_envs=2)
-    learner = make_learner(config, 2, env, np.random.SeedSequence(0), config.steps)
-    stage = Stage("together", 2, 2, 1.0, explores=True)
-    loop = StageLoop(config, stage, config.steps, env, learner, None, MetricsLog())
-    while not loop.finished:
-        loop.advance()
+    config = WALK.with_options(return_steps=return_steps)
+    team = FrozenTeam(learned(config, corridor(robots=2, num_envs=2)).actors())
     test = corridor(robots=2, num_envs=4, episode_steps=101, seed=1)
     observation = test.reset()
     for _ in range(100):
-        observation = test.step(learner.act(observation, 0.0)).observation
+        observation = test.step(team.act(observation)).observation
     # The best is a delivery every ten decisions; the first comes after less than a whole trip.
     assert test.delivered.min() >= 9
 
@@ -66,6 +79,7 @@ def test_a_run_folder_holds_all_that_came_of_the_run(tmp_path):
     names = {path.name for path in (tmp_path / "run").iterdir()}
     assert names == {
         "command.txt", "config.toml", "metrics.parquet", "policy", "evaluation.json", "tensorboard",
+        "finished.json",
     }  # fmt: skip
     assert read_config(tmp_path / "run" / "config.toml") == SHORT
     kept = read_metrics(tmp_path / "run" / "metrics.parquet")
@@ -97,13 +111,13 @@ def test_equal_runs_end_in_equal_bits_in_another_process_too(tmp_path):
     config = tmp_path / "one" / "config.toml"
     subprocess.run([sys.executable, "-c", program, str(config), str(tmp_path / "two")], check=True)
     assert weights(tmp_path / "one") == weights(tmp_path / "two")
-    run(tmp_path / "three", replace(SHORT, seed=1))
+    run(tmp_path / "three", short(seed=1))
     assert weights(tmp_path / "one") != weights(tmp_path / "three")
 
 
 def test_numpy_policy_acts_as_the_torch_network(tmp_path):
     env = VectorEnv("paper", robots=2, num_envs=3)
-    learner = make_learner(SHORT, 2, env, np.random.SeedSequence(3), SHORT.steps)
+    learner = SHORT.algorithm.build(task(SHORT, env), np.random.SeedSequence(3)).learner
     run(tmp_path / "run")
     policy = load_policy(tmp_path / "run")
     learner.load_parameters(policy.weights())
@@ -140,58 +154,60 @@ def test_an_interrupt_keeps_metrics_and_policy_and_can_be_resumed(tmp_path):
         ("fine-tuning", 160, "budget"),
     ]
     figures = [read_metrics(tmp_path / name / "metrics.parquet") for name in ("run", "whole")]
-    resumed, whole = ([replace(row, steps_per_second=0.0, loss=0.0) for row in rows] for rows in figures)
+    resumed, whole = (
+        [replace(row, steps_per_second=0.0, figures=row.figures | {"loss": 0.0}) for row in rows]
+        for rows in figures
+    )
     assert resumed == whole
     assert {row.stage for row in whole} == {"first team", "newcomer 3", "newcomer 4", "fine-tuning"}
 
 
 def test_frozen_robots_keep_their_bits(tmp_path):
-    config = replace(CURRICULUM, fine_tune=0.0)
+    config = CURRICULUM.with_options(fine_tune=0.0)
     run(tmp_path / "four", config)
     # Two robots with what four spend on the first stage: half of the shares.
-    run(tmp_path / "two", replace(config, robots=2, steps=400))
+    run(tmp_path / "two", config.with_options(robots=2, steps=400))
     first, team = (load_policy(tmp_path / name).weights() for name in ("two", "four"))
     for name, array in first.items():
         np.testing.assert_array_equal(array, team[name][:2])
         # Nobody is a copy of anybody.
         assert not np.array_equal(team[name][2], team[name][3])
     # Fine-tuning is what moves them.
-    run(tmp_path / "tuned", replace(config, fine_tune=0.2, steps=1000))
+    run(tmp_path / "tuned", config.with_options(fine_tune=0.2, steps=1000))
     tuned = load_policy(tmp_path / "tuned").weights()
     for name, array in first.items():
         assert (array != tuned[name][:2]).mean() > 0.2
 
 
-@pytest.mark.parametrize("switches", [{}, {"action_mask": True}, {"normalised": True, "action_mask": True}])
-def test_frozen_robots_act_as_their_policy_does(tmp_path, monkeypatch, switches):
-    technique = replace(find_technique("iql+sc"), name="mine", **switches)
-    monkeypatch.setitem(TECHNIQUES, "mine", technique)
-    config = replace(SHORT, technique="mine", robots=3, steps=240, evaluation_episodes=0)
+@pytest.mark.parametrize("options", [{}, {"mask": True}, {"normalisation": "rms", "mask": True}])
+def test_frozen_robots_act_as_their_policy_does(tmp_path, options):
+    config = short("iql+sc", robots=3, steps=240, evaluation_episodes=0, **options)
     training = Training(config)
     while len(training.ended) < 1:
         training.advance()
-    run(tmp_path / "two", replace(config, robots=2))
+    # Two robots with what three spend on the first stage: two of three shares.
+    run(tmp_path / "two", config.with_options(robots=2, steps=160))
     policy = load_policy(tmp_path / "two")
-    frozen = FrozenTeam(
-        replace(training.learner.shape, robots=2), policy.weights(), training.learner.settings.progress
-    )
-    observation, acted = training.env.reset(), 0
-    for _ in range(60):
-        actions = frozen.act(observation[:, :2])
-        values = np.sort(policy.values(observation[:, :2]), axis=-1)
-        clear = values[..., -1] - values[..., -2] > 1e-4
-        assert (actions == policy.act(observation[:, :2]))[clear].all()
-        acted += clear.sum()
-        everyone = np.concatenate([actions, np.full((2, 1), 4)], axis=1)
-        observation = training.env.step(everyone).observation
-    assert acted > 60
-    assert (training.learner.settings.progress is not None) == bool(switches)
+    assert policy.card.network.mask == bool(options)
+    observation, acted, step = training.env.reset(), [], training.env.step
+
+    def watched(actions):
+        acted.append(actions)
+        return step(actions)
+
+    training.env.step = watched
+    training.loop._observation = observation
+    while len(training.ended) < 2 and len(acted) < 20:
+        expected = policy.act(training.loop._observation[:, :2])
+        training.advance()
+        np.testing.assert_array_equal(acted[-1][:, :2], expected)
+    assert len(acted) == 20
 
 
 def test_a_newcomer_can_start_as_a_copy_and_a_run_from_a_policy(tmp_path):
-    run(tmp_path / "two", replace(SHORT, evaluation_episodes=0))
-    never = replace(
-        SHORT, technique="smadrl", robots=4, newcomer="copy", warmup=10_000, start_from=str(tmp_path / "two"),
+    run(tmp_path / "two", short(evaluation_episodes=0))
+    never = short(
+        "smadrl", robots=4, newcomer="copy", warmup=10_000, start_from=str(tmp_path / "two"),
         evaluation_episodes=0,
     )  # fmt: skip
     run(tmp_path / "four", never)
@@ -201,33 +217,34 @@ def test_a_newcomer_can_start_as_a_copy_and_a_run_from_a_policy(tmp_path):
         for robot, original in enumerate((0, 1, 1, 1)):
             np.testing.assert_array_equal(team[name][robot], array[original])
     with pytest.raises(InputError) as caught:
-        run(tmp_path / "other", replace(never, hidden=(8, 8)))
+        run(tmp_path / "other", never.with_options(hidden=(8, 8)))
     assert str(caught.value) == (
-        f"start_from {str(tmp_path / 'two')!r} has hidden layers [16, 16, 16]: "
-        "the run's must be the same, not [8, 8]."
+        f'start_from "{tmp_path / "two"}" has hidden layers [16, 16, 16], but must have [8, 8], as hidden '
+        "says."
     )
     with pytest.raises(InputError, match="observation encoding was expanded in training and is paper here"):
-        run(tmp_path / "other", replace(never, encoding="paper"))
+        run(tmp_path / "other", never.with_options(encoding="paper"))
     assert not (tmp_path / "other").exists()
 
 
 def test_one_network_learns_from_what_every_robot_does(corridor):
-    config = replace(WALK, technique="ps-dqn", steps=60)
+    config = WALK.with_options(parameters="shared", steps=60)
     env, same = corridor(robots=3, num_envs=2), corridor(robots=3, num_envs=2)
-    learner = make_learner(config, 3, env, np.random.SeedSequence(0), config.steps)
+    algorithm = config.algorithm.build(task(config, env), np.random.SeedSequence(0))
+    learner = algorithm.learner
     assert learner.shape.robots == 1
-    assert learner.settings.batch_size == 3 * config.batch_size
+    assert learner.settings.batch_size == 3 * config.algorithm.batch_size
     stage = Stage("together", 3, 3, 1.0, explores=True)
     seen, taken, act = [], [], learner.act
 
-    def act_and_tell(observation, epsilon):
+    def watched(observation, epsilon):
         assert observation.shape[:2] == (6, 1)
         seen.append(observation[:, 0].copy())
         taken.append(act(observation, epsilon))
         return taken[-1]
 
-    learner.act = act_and_tell
-    loop = StageLoop(config, stage, config.steps, env, learner, None, MetricsLog())
+    learner.act = watched
+    loop = StageLoop(stage, config.schedule.steps, env, algorithm, None, MetricsLog())
     while not loop.finished:
         loop.advance()
     # The same actions, run plainly, give what has been kept, robot by robot.
@@ -238,10 +255,11 @@ def test_one_network_learns_from_what_every_robot_does(corridor):
         rewards.append(transition.reward)
         observation = transition.observation
     kept = learner.replay.export(0, learner.replay.added)
-    complete = len(taken) - config.return_steps + 1
+    settings = config.algorithm
+    complete = len(taken) - settings.return_steps + 1
     assert learner.replay.added == 6 * complete
     for k in range(complete):
-        total = sum(config.discount**i * rewards[k + i] for i in range(config.return_steps))
+        total = sum(settings.discount**i * rewards[k + i] for i in range(settings.return_steps))
         rows = np.s_[0, 6 * k : 6 * k + 6]
         np.testing.assert_array_equal(kept["observations"][rows], seen[k])
         np.testing.assert_array_equal(kept["actions"][rows], taken[k][:, 0])
@@ -249,7 +267,7 @@ def test_one_network_learns_from_what_every_robot_does(corridor):
 
 
 def test_a_team_with_one_network_is_resumed_to_the_same_bits_and_grows(tmp_path):
-    shared = replace(SHORT, technique="ps-dqn", steps=480)
+    shared = short("ps-dqn", steps=480)
     run(tmp_path / "whole", shared)
 
     def stop(row):
@@ -261,53 +279,48 @@ def test_a_team_with_one_network_is_resumed_to_the_same_bits_and_grows(tmp_path)
     assert weights(tmp_path / "run") == weights(tmp_path / "whole")
     policy = load_policy(tmp_path / "run")
     assert (policy.card.robots, policy.card.network.networks, policy.card.network.shared) == (2, 1, True)
-    never = replace(shared, robots=5, warmup=10_000, start_from=str(tmp_path / "run"), evaluation_episodes=0)
+    never = shared.with_options(
+        robots=5, warmup=10_000, start_from=str(tmp_path / "run"), evaluation_episodes=0
+    )
     run(tmp_path / "five", never)
     grown = load_policy(tmp_path / "five")
     assert (grown.card.robots, grown.card.network.networks) == (5, 1)
-    run(tmp_path / "one", replace(never, robots=1))
+    run(tmp_path / "one", never.with_options(robots=1))
     for name, array in policy.weights().items():
         for folder in ("five", "one"):
             np.testing.assert_array_equal(load_policy(tmp_path / folder).weights()[name], array)
 
 
 def test_one_network_for_all_starts_from_one_alone(tmp_path):
-    run(tmp_path / "own", replace(SHORT, evaluation_episodes=0))
+    run(tmp_path / "own", short(evaluation_episodes=0))
     start = str(tmp_path / "own")
     with pytest.raises(InputError) as caught:
-        run(tmp_path / "no", replace(SHORT, technique="ps-dqn", start_from=start))
+        run(tmp_path / "no", short("ps-dqn", start_from=start))
     assert str(caught.value) == (
-        f"start_from {start!r} has a network for each robot: technique ps-dqn starts from one that all "
-        "robots share."
+        f'start_from "{start}" has a network for each robot, but must have one for all where parameters is '
+        '"shared".'
     )
     assert not (tmp_path / "no").exists()
 
 
 def test_a_curriculum_goes_on_from_a_shipped_team_with_its_layers_and_its_mask(tmp_path):
-    config = replace(
-        SHORT,
-        technique="smadrl",
-        robots=4,
-        hidden=(128, 128, 128),
-        start_from="paper-2",
-        evaluation_episodes=0,
-    )
+    config = short("smadrl", robots=4, hidden=(128, 128, 128), start_from="paper-2", evaluation_episodes=0)
     run(tmp_path / "run", config)
     card = load_policy(tmp_path / "run").card
     network = card.network
     assert (network.normalisation, network.mask, network.shared) == ("rms", True, False)
     assert [stage.name for stage in card.training.stages] == ["newcomer 3", "newcomer 4"]
     shipped, team = load_policy("paper-2"), load_policy(tmp_path / "run")
-    for name, array in shipped.weights().items():
-        # Both robots of the shipped team run its one network.
-        np.testing.assert_array_equal(team.weights()[name][:2], np.concatenate([array, array]))
+    before, after = (expanded(Actors(one.card.network, one.weights())).weights for one in (shipped, team))
+    for name, array in before.items():
+        np.testing.assert_array_equal(after[name][:2], array)
     observation = VectorEnv("paper", robots=4, num_envs=3).reset()
     np.testing.assert_array_equal(team.act(observation)[:, :2], shipped.act(observation[:, :2]))
 
 
 def test_acting_beside_learning_changes_no_bit(tmp_path):
     run(tmp_path / "one", CURRICULUM)
-    run(tmp_path / "two", replace(CURRICULUM, overlap=True))
+    run(tmp_path / "two", CURRICULUM.with_options(overlap=True))
     assert weights(tmp_path / "one") == weights(tmp_path / "two")
 
 
@@ -321,7 +334,7 @@ def test_playbacks_are_recorded_on_the_way_and_change_nothing(tmp_path):
 
     run(tmp_path / "one", CURRICULUM)
     # One of them as a stage ends, when the next newcomer has not learned anything yet.
-    config = replace(CURRICULUM, record_every=160, record_steps=7)
+    config = CURRICULUM.with_options(record_every=160, record_steps=7)
     train(config, tmp_path / "two", lambda row: None, record=record)
     robots = {160: 2, 320: 2, 480: 3, 640: 4, 800: 4}
     assert seen == [(f"{step:012d}.rrd", count, 7, count) for step, count in robots.items()]
@@ -338,12 +351,11 @@ def kill_now(process, seconds):
 
 
 def test_killed_ten_times_a_run_ends_in_the_same_bits(tmp_path):
-    config = replace(CURRICULUM, steps=6000, checkpoint_every=100, replay_capacity=300)
+    config = CURRICULUM.with_options(steps=6000, checkpoint_every=100, replay_capacity=300)
     whole = run(tmp_path / "whole", config)[0]
     run_here = [sys.executable, "-m", "robosim", "train", "--resume", str(tmp_path / "run")]
     folder = tmp_path / "run"
-    prepare_folder(folder)
-    write_config(config, folder / "config.toml")
+    RunFolder(folder).begin(config, "")
     moments = np.random.default_rng(5).uniform(0.0, 0.3, 10)
     for moment in moments:
         process = subprocess.Popen(run_here, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -358,12 +370,13 @@ def test_killed_ten_times_a_run_ends_in_the_same_bits(tmp_path):
     assert not (folder / "checkpoints").exists()
 
 
-def test_ctrl_c_saves_and_says_how_to_go_on(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_process_saves_and_says_how_to_go_on(tmp_path, number):
     folder = tmp_path / "run"
     command = [sys.executable, "-m", "robosim", "train", "--out", str(folder), "--steps", "1000000"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     process.stdout.readline()
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     out, err = process.communicate()
     assert process.returncode == 130
     assert out.splitlines()[-1] == f"Stopped; go on with: robosim train --resume {folder}"
@@ -386,8 +399,8 @@ def interrupted(folder, config):
 
 
 @pytest.mark.parametrize("damage", ["truncated", "emptied", "of other networks", "part missing", "part cut"])
-def test_a_damaged_checkpoint_is_told_and_the_one_before_goes_on(tmp_path, damage):
-    config = replace(SHORT, steps=700, checkpoint_every=200)
+def test_a_damaged_checkpoint_is_reported_and_the_one_before_goes_on(tmp_path, damage):
+    config = short(steps=700, checkpoint_every=200)
     run(tmp_path / "whole", config)
     folder = tmp_path / "run"
     latest, before = interrupted(folder, config)
@@ -416,7 +429,7 @@ def test_a_damaged_checkpoint_is_told_and_the_one_before_goes_on(tmp_path, damag
 def test_nothing_good_to_resume_is_a_sentence_each(tmp_path):
     with pytest.raises(InputError, match=r"nowhere: no run to resume: there is no config.toml in it\.$"):
         resume(tmp_path / "nowhere", lambda row: None)
-    paths = interrupted(tmp_path / "run", replace(SHORT, steps=700, checkpoint_every=200))
+    paths = interrupted(tmp_path / "run", short(steps=700, checkpoint_every=200))
     for path in paths:
         path.write_bytes(b"nonsense")
     with pytest.raises(InputError) as caught:
@@ -429,7 +442,7 @@ def test_nothing_good_to_resume_is_a_sentence_each(tmp_path):
 
 def test_a_disk_that_is_full_ends_the_run_with_a_sentence_and_keeps_the_checkpoint_before(tmp_path):
     folder = tmp_path / "run"
-    paths = interrupted(folder, replace(SHORT, steps=700, checkpoint_every=200))
+    paths = interrupted(folder, short(steps=700, checkpoint_every=200))
     # No file may be longer than half a checkpoint: to a program, that is a disk without room.
     most = paths[0].stat().st_size // 2
     program = (
@@ -446,33 +459,33 @@ def test_a_disk_that_is_full_ends_the_run_with_a_sentence_and_keeps_the_checkpoi
     )
     assert list_checkpoints(folder / "checkpoints") == paths
     resume(folder, lambda row: None)
-    run(tmp_path / "whole", replace(SHORT, steps=700, checkpoint_every=200))
+    run(tmp_path / "whole", short(steps=700, checkpoint_every=200))
     assert weights(folder) == weights(tmp_path / "whole")
 
 
 @pytest.mark.parametrize("actions", ["cardinal", "wheels"])
 @pytest.mark.parametrize("encoding", ["paper", "expanded"])
-@pytest.mark.parametrize("technique", ["iql", "iql+g", "iql+gs", "smadrl", "ps-dqn"])
+@pytest.mark.parametrize("technique", ["iql", "iql+g", "iql+gs", "smadrl", "ps-dqn", "ia2c", "ps-a2c"])
 def test_every_technique_trains_with_every_kind_of_action_and_observation(
     tmp_path, technique, encoding, actions
 ):
-    config = replace(SHORT, robots=3, technique=technique, encoding=encoding, actions=actions, steps=120)
+    config = short(technique, robots=3, encoding=encoding, actions=actions, steps=120)
     result, rows = run(tmp_path / "run", config)
     assert rows[-1].step >= 120
     card = load_policy(tmp_path / "run").card
     assert (card.technique.name, card.env.encoding, card.env.actions) == (technique, encoding, actions)
-    assert card.env.stigmergy is (technique in ("iql+gs", "smadrl", "ps-dqn"))
+    assert card.env.stigmergy is (technique in ("iql+gs", "smadrl", "ps-dqn", "ps-a2c"))
     assert result.evaluation.robots == 3
 
 
 def test_sixteen_robots_train(tmp_path):
-    run(tmp_path / "run", replace(SHORT, robots=16, steps=60, warmup=20, evaluation_episodes=0))
+    run(tmp_path / "run", short(robots=16, steps=60, warmup=20, evaluation_episodes=0))
     assert load_policy(tmp_path / "run").card.robots == 16
 
 
 def test_a_folder_taken_away_stops_the_run_with_a_sentence(tmp_path):
     folder = tmp_path / "run"
-    config = replace(CURRICULUM, checkpoint_every=200)
+    config = CURRICULUM.with_options(checkpoint_every=200)
 
     def move_away(row):
         if row.step >= 480 and folder.exists():
@@ -488,21 +501,24 @@ def test_a_folder_taken_away_stops_the_run_with_a_sentence(tmp_path):
     assert weights(tmp_path / "elsewhere") == weights(tmp_path / "whole")
 
 
-def test_a_folder_in_use_or_out_of_reach_is_a_sentence(tmp_path):
-    full = tmp_path / "full"
-    full.mkdir()
-    (full / "notes.txt").write_text("mine")
-    begun = tmp_path / "begun"
-    prepare_folder(begun)
-    file = tmp_path / "file"
-    file.write_text("")
-    for folder, sentence in (
-        (full, "this folder is not empty; a new run needs a new one."),
-        (begun, "this folder holds a run; `--resume` goes on with it; a new run needs a new one."),
-        (file, "this is a file; a run needs a folder."),
-        (file / "run", "the run folder cannot be written: Not a directory."),
-    ):
-        with pytest.raises(InputError) as caught:
-            prepare_folder(folder)
-        assert str(caught.value) == f"{folder}: {sentence}"
-    assert (full / "notes.txt").read_text() == "mine"
+def test_one_and_two_workers_give_the_same_bits_also_after_an_interrupt(tmp_path):
+    config = short("smadrl", robots=3, steps=600)
+    run(tmp_path / "one", config)
+
+    def stop(row):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(config.with_options(workers=2), tmp_path / "two", stop)
+    assert not multiprocessing.active_children()
+    resume(tmp_path / "two", lambda row: None)
+    assert weights(tmp_path / "one") == weights(tmp_path / "two")
+    assert not multiprocessing.active_children()
+
+
+def test_a_run_leaves_the_threads_of_torch_as_they_were(tmp_path):
+    seen = []
+    torch.set_num_threads(2)
+    train(short(evaluation_episodes=0), tmp_path / "run", lambda row: seen.append(torch.get_num_threads()))
+    assert set(seen) == {1}
+    assert torch.get_num_threads() == 2

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from robosim.discretise.observation import mask_blocked_moves
+from robosim.discretise.observation import blocked_moves, mask_blocked_moves
 from robosim.errors import InputError
+from robosim.learning.algorithms.dqn.replay import Batch, Replay
+from robosim.learning.computing import denormals_flushed, find_device
 from robosim.learning.networks import (
     CPU,
     ActionValues,
@@ -26,9 +27,7 @@ from robosim.learning.networks import (
     initialise,
     transposed,
 )
-from robosim.learning.replay import Batch, Replay
-
-Precision = Literal["float32", "bfloat16"]
+from robosim.learning.precision import Precision, products_in, require_precision
 
 _BLOCK = 1024
 """Rows, robots times batch, that an update takes through the networks together on the CPU: what the
@@ -48,21 +47,23 @@ class DqnSettings:
     """Transitions kept of each robot."""
     reward_scale: float
     """Factor on rewards before learning; it brings action values near 1, where the network starts."""
-    progress: tuple[int, int] | None = None
-    """Where observations tell closed ways (`gain_columns`), which are not chosen; None for no mask."""
+    gains: tuple[int, int] | None = None
+    """Where observations hold the gains of moves (`gain_columns`), of which blocked ones are not chosen; None
+    for no mask."""
 
 
 class StackedDoubleDQN:
     """N learners side by side: own parameters, own experience, own draws; nothing is shared.
 
     Double DQN (van Hasselt 2016): the network chooses the successor's action, the target network values it.
-    Episodes end by truncation only, so every target goes on into the successor.
+    A target goes on into the successor unless the task ended with it. Whoever uses it sets the threads of
+    torch (`one_thread`).
 
     `device` is where parameters and replay lie and updates are computed: "cpu", or "cuda" (or "cuda:1") for
     a GPU; InputError when it is not there. All numbers are drawn on the CPU, the same for every device.
 
     `precision` "bfloat16" rounds what goes into the matrix products of an update to bfloat16; sums,
-    parameters and all the rest stay float32. InputError where there are no units for it.
+    parameters and all the rest stay float32. InputError where torch rounds none of them.
     """
 
     def __init__(
@@ -73,9 +74,11 @@ class StackedDoubleDQN:
         device: str = "cpu",
         precision: Precision = "float32",
     ) -> None:
-        torch.set_num_threads(1)
         self.device = find_device(device)
-        require_precision(precision, self.device)
+        batch_size = settings.batch_size
+        together = max(1, _BLOCK // batch_size) if self.device == CPU else shape.robots
+        together = min(together, shape.robots)
+        require_precision(precision, replace(shape, robots=together), batch_size, self.device)
         self.precision = precision
         explore, draw, *networks = seed.spawn(2 + shape.robots)
         self.shape = shape
@@ -90,12 +93,10 @@ class StackedDoubleDQN:
         self._draw = np.random.default_rng(draw)
         self.values = ActionValues(self.parameters)
         """Action values [envs, robots, actions] of observations [envs, robots, size]."""
-        batch_size = settings.batch_size
         self._gradient = Parameters(shape, self.device)
         self._batch = Batch.reserve(shape.robots, batch_size, shape.inputs, self.device)
         self._error = torch.full((shape.robots, batch_size, 1), torch.nan, device=self.device)
-        together = max(1, _BLOCK // batch_size) if self.device == CPU else shape.robots
-        self._blocks = list(self._cut(min(together, shape.robots)))
+        self._blocks = list(self._cut(together))
         self._first_moment = Parameters(shape, self.device)
         self._second_moment = Parameters(shape, self.device)
         self._adam_step = torch.zeros((), device=self.device)
@@ -113,13 +114,13 @@ class StackedDoubleDQN:
         drawn = self._explore.integers(self.shape.outputs, size=shape)
         if explores.all():
             return drawn
-        values = mask_blocked_moves(self.values(observation), observation, self.settings.progress)
+        values = mask_blocked_moves(self.values(observation), observation, self.settings.gains)
         return np.where(explores, drawn, values.argmax(axis=-1))
 
     def update(self, learning_rate: float) -> None:
         """Make one step of Adam on a fresh batch of each robot's own experience."""
         settings = self.settings
-        with products_in(self.precision), _denormals_flushed(), torch.inference_mode():
+        with products_in(self.precision), denormals_flushed(), torch.inference_mode():
             self.replay.sample(self._draw, self._batch)
             for block in self._blocks:
                 block.fill_gradient(settings)
@@ -244,66 +245,14 @@ class _Block:
         # The target network goes first: the other's parameters then stay in the cache up to the gradient.
         bootstrap = forward(self.target, batch.successors, self.after).clone()
         values = forward(self.online, batch.successors, self.after)
-        if settings.progress is not None:
-            home, source = (batch.successors[..., first : first + 4] <= -1.0 for first in settings.progress)
-            values[..., :4].masked_fill_(home & source, -torch.inf)
+        if settings.gains is not None:
+            values[..., :4].masked_fill_(blocked_moves(batch.successors, settings.gains), -torch.inf)
         best = values.max(dim=2, keepdim=True).indices
         values = forward(self.online, batch.observations, self.now)
         torch.gather(values, 2, batch.actions, out=error)
-        error.sub_(bootstrap.gather(2, best), alpha=settings.discount)
+        error.sub_(bootstrap.gather(2, best).mul_(batch.continues), alpha=settings.discount)
         error.sub_(batch.rewards, alpha=settings.reward_scale)
         self.delta.zero_().scatter_(2, batch.actions, error * (2.0 / settings.batch_size))
         # What the layers made of the successors has served: its memory takes the propagated derivatives.
         scratch = self.after.hidden
         backward(self.online, batch.observations, self.now, self.delta, scratch, self.gradient)
-
-
-def require_precision(precision: str, device: torch.device) -> None:
-    """Raise InputError unless `precision` is float32, or bfloat16 where the device has units for it."""
-    if precision not in ("float32", "bfloat16"):
-        raise InputError(f"precision is {precision!r}: it must be float32 or bfloat16.")
-    if precision == "bfloat16" and not has_bfloat16(device):
-        raise InputError("precision is 'bfloat16': this processor has no units for it; float32 always works.")
-
-
-def has_bfloat16(device: torch.device = CPU) -> bool:
-    """Return whether the device has units for products of bfloat16: AMX or AVX-512 BF16, or a GPU's."""
-    if device.type == "cuda":
-        return bool(torch.cuda.is_bf16_supported(including_emulation=False))
-    return bool(torch.cpu._is_amx_tile_supported() or torch.cpu._is_avx512_bf16_supported())
-
-
-@contextmanager
-def products_in(precision: Precision) -> Iterator[None]:
-    """Let torch's products of float32 round what goes in to `precision`, until the end of the block."""
-    before = torch.get_float32_matmul_precision()
-    torch.set_float32_matmul_precision("medium" if precision == "bfloat16" else "highest")
-    try:
-        yield
-    finally:
-        torch.set_float32_matmul_precision(before)
-
-
-@contextmanager
-def _denormals_flushed() -> Iterator[None]:
-    """Count denormals as zero: moments of unused weights decay into them, and updates cost a third more.
-
-    It is a setting of the processor, so it goes back before anybody else computes.
-    """
-    torch.set_flush_denormal(True)
-    try:
-        yield
-    finally:
-        torch.set_flush_denormal(False)
-
-
-def find_device(name: str) -> torch.device:
-    """Return the torch device of that name; InputError when it is not "cpu" or a GPU that is there."""
-    if name != "cpu" and name.partition(":")[0] != "cuda":
-        raise InputError(f"device is {name!r}: it must be cpu, or cuda for a GPU.")
-    try:
-        device = torch.device(name)
-        torch.empty(0, device=device)
-    except (RuntimeError, AssertionError) as error:
-        raise InputError(f"device is {name!r}: torch finds no such GPU here; cpu always works.") from error
-    return device

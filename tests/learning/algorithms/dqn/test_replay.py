@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robosim.errors import InputError
-from robosim.learning.replay import Batch, Replay
+from robosim.learning.algorithms.dqn.replay import Batch, Replay
 
 
 def add(replay, times, envs, robots):
@@ -15,7 +15,9 @@ def add(replay, times, envs, robots):
         observation = grid.astype(np.float32)
         successor = observation + np.float32([0.5, 0, 0])
         actions = (grid.sum(axis=-1) % 5).astype(np.int64)
-        replay.add(observation, actions, observation[..., 0] + 100 * observation[..., 2], successor)
+        reward = observation[..., 0] + 100 * observation[..., 2]
+        goes_on = (observation[..., 0] % 3 > 0).astype(np.float32)
+        replay.add(observation, actions, reward, successor, goes_on)
 
 
 def sample(replay, transitions, seed=0):
@@ -36,6 +38,7 @@ def test_samples_are_whole_transitions_of_the_robot_itself(robots, envs, capacit
     assert (after == now + np.float32([0.5, 0, 0])).all()
     assert (batch.actions[..., 0].numpy() == now.sum(axis=-1) % 5).all()
     assert (batch.rewards[..., 0].numpy() == now[..., 0] + 100 * now[..., 2]).all()
+    assert (batch.continues[..., 0].numpy() == (now[..., 0] % 3 > 0)).all()
     oldest = decisions - -(-capacity // envs)
     assert now[..., 0].min() >= oldest
 
@@ -99,6 +102,7 @@ def test_exported_transitions_are_those_asked_for():
     assert part["successors"][:, :, 0].tolist() == [[5.5, 6.5, 7.5]] * 2
     assert part["rewards"].tolist() == [[5, 6, 7], [105, 106, 107]]
     assert part["actions"].tolist() == [[0, 1, 2], [1, 2, 3]]
+    assert part["continues"].tolist() == [[1, 0, 1]] * 2
     for first, last in ((3, 8), (5, 11), (8, 5)):
         with pytest.raises(ValueError, match="held are 4 to 10"):
             replay.export(first, last)

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from robosim.errors import InputError
-from robosim.learning.dqn import DqnSettings, StackedDoubleDQN, has_bfloat16
+from robosim.learning.algorithms.dqn.learner import DqnSettings, StackedDoubleDQN
 from robosim.learning.networks import NetworkShape
 from tests.learning.plain import plain_networks
 
@@ -14,14 +14,18 @@ SHAPE = NetworkShape(robots=3, inputs=6, hidden=(16, 16, 16), outputs=5)
 SETTINGS = DqnSettings(discount=0.9, batch_size=8, target_interval=3, replay_capacity=50, reward_scale=0.5)
 
 
-def filled(shape=SHAPE, settings=SETTINGS, seed=0, reward_of_last=1.0, device="cpu", precision="float32"):
+def filled(
+    shape=SHAPE, settings=SETTINGS, seed=0, reward_of_last=1.0, device="cpu", precision="float32", ends=0.0
+):
     learner = StackedDoubleDQN(shape, settings, np.random.SeedSequence(seed), device, precision)
     rng = np.random.default_rng(7)
     for _ in range(20):
         observation, successor = rng.random((2, 2, shape.robots, shape.inputs), np.float32)
         reward = rng.random((2, shape.robots), np.float32)
         reward[:, -1] *= reward_of_last
-        learner.replay.add(observation, rng.integers(5, size=reward.shape), reward, successor)
+        actions = rng.integers(5, size=reward.shape)
+        goes_on = (rng.random(reward.shape) >= ends).astype(np.float32) if ends else None
+        learner.replay.add(observation, actions, reward, successor, goes_on)
     return learner
 
 
@@ -55,22 +59,22 @@ def test_updates_equal_plain_double_dqn_with_autograd(batch_size, normalised):
                 torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
 
 
-MASKED = replace(SETTINGS, progress=(0, 5))
+MASKED = replace(SETTINGS, gains=(0, 5))
 WIDE = replace(SHAPE, inputs=10)
 
 
-def some_ways_closed(learner):
-    """Close about a quarter of the ways in what is held in the replay."""
+def some_moves_blocked(learner):
+    """Block about a quarter of the moves in what is held in the replay."""
     numbers = learner.replay._pairs
-    closed = torch.rand(numbers[..., :4].shape, generator=torch.Generator().manual_seed(3)) < 0.25
-    numbers[..., 0:4][closed] = numbers[..., 5:9][closed] = -1.0
-    # A loss of a cell toward one goal alone closes nothing.
-    numbers[..., 0:4][torch.rand(closed.shape, generator=torch.Generator().manual_seed(4)) < 0.25] = -1.0
+    blocked = torch.rand(numbers[..., :4].shape, generator=torch.Generator().manual_seed(3)) < 0.25
+    numbers[..., 0:4][blocked] = numbers[..., 5:9][blocked] = -1.0
+    # A loss of a cell toward one goal alone blocks nothing.
+    numbers[..., 0:4][torch.rand(blocked.shape, generator=torch.Generator().manual_seed(4)) < 0.25] = -1.0
 
 
-def test_targets_follow_the_best_open_way():
+def test_targets_follow_the_best_move_that_is_open():
     learner = filled(WIDE, MASKED)
-    some_ways_closed(learner)
+    some_moves_blocked(learner)
     online, target = plain_networks(learner.parameters), plain_networks(learner.target)
     learner.update(1e-3)
     drawn, differ = learner._batch, 0
@@ -89,17 +93,37 @@ def test_targets_follow_the_best_open_way():
     assert differ > 0
 
 
-def test_the_greedy_take_open_ways_only():
+def test_the_greedy_choose_open_moves_only():
     learner, free = filled(WIDE, MASKED), filled(WIDE)
     observation = np.random.default_rng(0).uniform(0, 1, (400, 3, 10)).astype(np.float32)
-    closed = np.random.default_rng(1).random((400, 3, 4)) < 0.5
-    observation[..., 0:4][closed] = observation[..., 5:9][closed] = -1.0
+    blocked = np.random.default_rng(1).random((400, 3, 4)) < 0.5
+    observation[..., 0:4][blocked] = observation[..., 5:9][blocked] = -1.0
     chosen, wished = learner.act(observation, 0.0), free.act(observation, 0.0)
-    shut = np.concatenate([closed, np.zeros((400, 3, 1), bool)], axis=2)
+    shut = np.concatenate([blocked, np.zeros((400, 3, 1), bool)], axis=2)
     assert not np.take_along_axis(shut, chosen[..., None], axis=2).any()
     wishes_hold = ~np.take_along_axis(shut, wished[..., None], axis=2)[..., 0]
     assert 0 < wishes_hold.sum() < wishes_hold.size
     assert (chosen == wished)[wishes_hold].all()
+
+
+def test_nothing_is_expected_behind_the_end_of_a_task():
+    learner = filled(ends=0.4)
+    online, target = plain_networks(learner.parameters), plain_networks(learner.target)
+    learner.update(1e-3)
+    drawn, ended = learner._batch, 0
+    for robot in range(SHAPE.robots):
+        errors = []
+        for k in range(SETTINGS.batch_size):
+            now, after = drawn.observations[robot, k], drawn.successors[robot, k]
+            with torch.no_grad():
+                follows = target[robot](after)[online[robot](after).argmax()]
+                value = online[robot](now)[drawn.actions[robot, k, 0]]
+            over = float(drawn.continues[robot, k, 0]) == 0.0
+            ended += over
+            goal = 0.5 * drawn.rewards[robot, k, 0] + (0.0 if over else 0.9 * follows)
+            errors.append(float(value - goal) ** 2)
+        assert float(learner.loss()[robot]) == pytest.approx(np.mean(errors), rel=1e-4)
+    assert 0 < ended < SHAPE.robots * SETTINGS.batch_size
 
 
 def test_equal_seeds_give_equal_bits():
@@ -196,7 +220,7 @@ def test_loaded_parameters_reach_the_target_network():
 
 @pytest.mark.parametrize("device", ["tpu", "cuda:97", "cuda:x", "meta"])
 def test_a_device_that_is_not_there_is_refused(device):
-    with pytest.raises(InputError, match=f"device is '{device}': "):
+    with pytest.raises(InputError, match=f'device is "{device}", but must be "cpu"'):
         StackedDoubleDQN(SHAPE, SETTINGS, np.random.SeedSequence(0), device=device)
 
 
@@ -213,39 +237,3 @@ def test_a_gpu_learns_what_the_processor_learns():
     np.testing.assert_allclose(cpu.loss(), gpu.loss(), rtol=1e-3)
     for name, tensor in cpu.state().items():
         torch.testing.assert_close(tensor, gpu.state()[name], rtol=1e-3, atol=1e-4)
-
-
-@pytest.mark.parametrize("precision", ["float16", "double"])
-def test_an_unknown_precision_is_refused(precision):
-    with pytest.raises(InputError, match=f"precision is '{precision}': it must be float32 or bfloat16"):
-        filled(precision=precision)
-
-
-@pytest.mark.skipif(has_bfloat16(), reason="this processor has units for bfloat16")
-def test_bfloat16_is_refused_where_there_are_no_units_for_it():
-    with pytest.raises(InputError, match="precision is 'bfloat16': this processor has no units for it"):
-        filled(precision="bfloat16")
-
-
-@pytest.mark.skipif(not has_bfloat16(), reason="this processor has no units for bfloat16")
-def test_bfloat16_updates_are_near_those_of_float32_and_equal_from_run_to_run():
-    shape, settings = replace(SHAPE, hidden=(64, 64)), replace(SETTINGS, batch_size=32)
-    exact, half, again = (
-        filled(shape, settings, precision=precision) for precision in ("float32", "bfloat16", "bfloat16")
-    )
-    start = exact.parameters.flat.clone()
-    for _ in range(20):
-        for learner in (exact, half, again):
-            learner.update(1e-3)
-    assert torch.equal(half.parameters.flat, again.parameters.flat)
-    assert not torch.equal(half.parameters.flat, exact.parameters.flat)
-    moved = (exact.parameters.flat - start).norm()
-    assert (half.parameters.flat - exact.parameters.flat).norm() < 0.2 * moved
-    np.testing.assert_allclose(half.loss(), exact.loss(), rtol=0.05)
-
-
-@pytest.mark.skipif(not has_bfloat16(), reason="this processor has no units for bfloat16")
-def test_an_update_leaves_the_precision_of_products_to_others():
-    before = torch.get_float32_matmul_precision()
-    filled(precision="bfloat16").update(1e-3)
-    assert torch.get_float32_matmul_precision() == before

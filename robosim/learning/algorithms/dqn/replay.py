@@ -20,43 +20,45 @@ class Batch:
         self.pairs = pairs
         """[2, robots, transitions, size]: observations, and what followed each."""
         self.numbers = numbers
-        """[2, robots, transitions, 1]: actions and rewards."""
+        """[robots, transitions, 3]: action, reward, and whether the task went on."""
         self.observations, self.successors = pairs
         """[robots, transitions, size] each."""
         self.actions = actions
         """[robots, transitions, 1], int64."""
-        self.rewards = numbers[1]
+        self.rewards = numbers[..., 1:2]
         """[robots, transitions, 1]."""
+        self.continues = numbers[..., 2:3]
+        """[robots, transitions, 1]: 1, or 0 where the task ended with the successor."""
 
     @classmethod
     def reserve(cls, robots: int, transitions: int, size: int, device: torch.device = CPU) -> Batch:
         """Return memory for so many transitions of each robot, with observations of `size` numbers."""
         return cls(
             torch.zeros(2, robots, transitions, size, device=device),
-            torch.zeros(2, robots, transitions, 1, device=device),
+            torch.zeros(robots, transitions, 3, device=device),
             torch.zeros(robots, transitions, 1, dtype=torch.int64, device=device),
         )
 
     def part(self, robots: slice) -> Batch:
         """Return views of what belongs to those robots."""
-        return Batch(self.pairs[:, robots], self.numbers[:, robots], self.actions[robots])
+        return Batch(self.pairs[:, robots], self.numbers[robots], self.actions[robots])
 
 
 class Replay:
     """Ring of the latest `capacity` transitions of every robot.
 
-    It takes `robots * capacity * 8 * (size + 1)` bytes, reserved at once and touched as it fills.
+    It takes `robots * capacity * (8 * size + 12)` bytes, reserved at once and touched as it fills.
     """
 
     def __init__(self, robots: int, capacity: int, size: int, device: torch.device = CPU) -> None:
         self.capacity = capacity
         self.added = 0
         """Transitions ever added of each robot; number k lies at place k % capacity."""
-        # An observation and its successor lie side by side, an action and its reward too: a transition is
-        # fetched from two places of the memory, not four.
+        # An observation and its successor lie side by side, and so do the numbers: a transition is fetched
+        # from two places of the memory, not five.
         self._pairs = _reserve((robots, capacity, 2, size), device)
-        self._numbers = _reserve((robots, capacity, 2, 1), device)
-        self._first_rows = np.arange(2)[:, None, None] + 2 * capacity * np.arange(robots)[:, None]
+        self._numbers = _reserve((robots, capacity, 3), device)
+        self._first_rows = capacity * np.arange(robots)[:, None]
 
     @property
     def length(self) -> int:
@@ -69,13 +71,16 @@ class Replay:
         actions: NDArray[np.int64],
         rewards: NDArray[np.float32],
         successors: NDArray[np.float32],
+        continues: NDArray[np.float32] | None = None,
     ) -> None:
-        """Store one transition of every robot in every environment.
+        """Store some transitions of every robot.
 
-        `observations` and `successors` are [envs, robots, size], `actions` and `rewards` [envs, robots].
+        `observations` and `successors` are [rows, robots, size], the others [rows, robots]; `continues` is 0
+        where the task ended with the successor, 1 elsewhere, and 1 everywhere where it is not given.
         """
         pairs = np.stack((observations, successors), axis=2)
-        numbers = np.stack((actions, rewards), axis=2, dtype=np.float32, casting="same_kind")[..., None]
+        goes_on = np.ones_like(rewards) if continues is None else continues
+        numbers = np.stack((actions, rewards, goes_on), axis=2, dtype=np.float32, casting="same_kind")
         self._store(torch.from_numpy(pairs).transpose(0, 1), torch.from_numpy(numbers).transpose(0, 1))
 
     def sample(self, rng: np.random.Generator, batch: Batch) -> None:
@@ -87,16 +92,21 @@ class Replay:
             raise ValueError("the replay is empty")
         # `Generator.integers` takes twice as long for so few numbers.
         places = (rng.random(batch.rewards.shape[:2]) * self.length).astype(np.int64)
-        rows = torch.from_numpy((2 * places + self._first_rows).ravel()).to(self._pairs.device)
-        for table, into in ((self._pairs, batch.pairs), (self._numbers, batch.numbers)):
-            torch.index_select(table.flatten(0, 2), 0, rows, out=into.flatten(0, 2))
-        batch.actions.copy_(batch.numbers[0])
+        rows = (places + self._first_rows).ravel()
+        in_pairs = np.concatenate((2 * rows, 2 * rows + 1))
+        device = self._pairs.device
+        for table, chosen, into in (
+            (self._pairs.flatten(0, 2), in_pairs, batch.pairs.flatten(0, 2)),
+            (self._numbers.flatten(0, 1), rows, batch.numbers.flatten(0, 1)),
+        ):
+            torch.index_select(table, 0, torch.from_numpy(chosen).to(device), out=into)
+        batch.actions.copy_(batch.numbers[..., :1])
 
     def export(self, first: int, last: int) -> dict[str, Tensor]:
         """Return copies, on the CPU, of the transitions number `first` to `last - 1`.
 
-        `observations` and `successors` are [robots, transitions, size], `actions` and `rewards`
-        [robots, transitions]. ValueError unless the replay still holds them all.
+        `observations` and `successors` are [robots, transitions, size], `actions`, `rewards` and
+        `continues` [robots, transitions]. ValueError unless the replay still holds them all.
         """
         oldest = self.added - self.length
         if not oldest <= first <= last <= self.added:
@@ -108,8 +118,9 @@ class Replay:
         return {
             "observations": pairs[:, :, 0].contiguous(),
             "successors": pairs[:, :, 1].contiguous(),
-            "actions": numbers[:, :, 0, 0].long(),
-            "rewards": numbers[:, :, 1, 0].contiguous(),
+            "actions": numbers[..., 0].long(),
+            "rewards": numbers[..., 1].contiguous(),
+            "continues": numbers[..., 2].contiguous(),
         }
 
     def restore(self, first: int, parts: Iterable[Mapping[str, Tensor]]) -> None:
@@ -125,18 +136,19 @@ class Replay:
             count = (*shapes.get("rewards", ()), 0, 0)[1]
             each = (robots, count)
             pair = (*each, size)
-            fits = {"observations": pair, "successors": pair, "actions": each, "rewards": each}
+            fits: dict[str, tuple[int, ...]] = {"observations": pair, "successors": pair}
+            fits |= dict.fromkeys(("actions", "rewards", "continues"), each)
             if shapes != fits:
                 raise InputError(f"the replay's transitions have the shapes {shapes}: they must be {fits}.")
             pairs = torch.stack((part["observations"], part["successors"]), dim=2)
-            numbers = torch.stack((part["actions"].float(), part["rewards"]), dim=2)
-            self._store(pairs, numbers[..., None])
+            numbers = torch.stack((part["actions"].float(), part["rewards"], part["continues"]), dim=2)
+            self._store(pairs, numbers)
         oldest = self.added - self.length
         if first > oldest:
             raise InputError(f"the replay's transitions start at number {first}: {oldest} is needed.")
 
     def _store(self, pairs: Tensor, numbers: Tensor) -> None:
-        """Write transitions [robots, count, 2, size] and [robots, count, 2, 1] behind the latest."""
+        """Write transitions [robots, count, 2, size] and [robots, count, 3] behind the latest."""
         count = numbers.shape[1]
         done = max(0, count - self.capacity)
         while done < count:

@@ -1,0 +1,1 @@
+"""What learns: a file or folder for each algorithm, behind one protocol."""

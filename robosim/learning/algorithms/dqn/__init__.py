@@ -1,0 +1,1 @@
+"""Double DQN with replay: independent learners side by side, or one network for all."""

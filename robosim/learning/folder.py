@@ -1,0 +1,231 @@
+"""The folder of a run: what lies where in it, written whole, and removed only if a run wrote it.
+
+A run is begun once `config.toml` is there, and finished once `finished.json` is, which is written last. In
+between, whatever else is there, it can be resumed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import stat
+import tempfile
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from robosim.control.card import Evaluation
+from robosim.control.policy import CARD_FILE, RUN_POLICY, WEIGHTS_FILE
+from robosim.errors import InputError, shown
+from robosim.files import is_regular, remove_strays, sync, whole_file, write_whole
+from robosim.learning.checkpoint import is_checkpoint_file, remove_checkpoints
+from robosim.learning.config import RunConfig, read_config, write_config
+
+CONFIG_FILE = "config.toml"
+METRICS_FILE = "metrics.parquet"
+EVALUATION_FILE = "evaluation.json"
+COMMAND_FILE = "command.txt"
+FINISHED_FILE = "finished.json"
+CHECKPOINTS = "checkpoints"
+RECORDINGS = "recordings"
+CURVES = "tensorboard"
+
+_FILES = (CONFIG_FILE, COMMAND_FILE, METRICS_FILE, EVALUATION_FILE, FINISHED_FILE)
+_FOLDERS = (CHECKPOINTS, RECORDINGS, CURVES, RUN_POLICY)
+_RECORDING = re.compile(r"\d{12}\.rrd")
+_POLICY_SCRATCH = re.compile(rf"\.{RUN_POLICY}-[a-z0-9_]{{8}}")
+"""Where `save_policy` writes a policy before it takes its place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """The last record of a run."""
+
+    steps: int
+    """Joint decisions."""
+    wall_time: float
+    """Time spent learning, all parts of an interrupted run together, s."""
+
+
+class RunFolder:
+    """A run's folder, by the names in it; nothing in it is read, written or removed through a link."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.checkpoints = path / CHECKPOINTS
+        self.recordings = path / RECORDINGS
+        self.curves = path / CURVES
+        self.policy = path / RUN_POLICY
+        self.metrics = path / METRICS_FILE
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a run in it."""
+        return (self.path / CONFIG_FILE).exists()
+
+    def begin(self, config: RunConfig, command: str) -> None:
+        """Make the folder and write what the run depends on.
+
+        InputError if something is in it, or it cannot be written.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._remove_strays()
+            if any(path.name != COMMAND_FILE or not self._is_command() for path in self.path.iterdir()):
+                held = "holds a run; `--resume` goes on with it" if self.begun else "is not empty"
+                raise InputError(f"{self.path}: this folder {held}; a new run needs a new one.")
+        except FileExistsError:
+            raise InputError(f"{self.path}: this is a file; a run needs a folder.") from None
+        except OSError as error:
+            raise self._unwritable(error) from None
+        write_whole(self.path / COMMAND_FILE, command + "\n")
+        with whole_file(self.path / CONFIG_FILE, durable=True) as part:
+            write_config(config, part)
+
+    def reopen(self) -> RunConfig:
+        """Return the configuration of the run that is to go on, once the folder is in order.
+
+        What a killed process left is removed. InputError if there is no run, or a finished one, if the
+        configuration is not whole, or if something else lies where a run writes.
+        """
+        if not self.begun:
+            raise InputError(f"{self.path}: no run to resume: there is no {CONFIG_FILE} in it.")
+        self._check_layout()
+        try:
+            self._remove_strays()
+            if self.finished() is not None:
+                remove_checkpoints(self.checkpoints)
+                raise InputError(f"{self.path}: this run is finished; there is nothing to resume.")
+        except OSError as error:
+            raise self._unwritable(error) from None
+        return self.config()
+
+    def config(self) -> RunConfig:
+        """Return the run's configuration; InputError if it is not the whole of one."""
+        path = self.path / CONFIG_FILE
+        config = read_config(path)
+        with tempfile.TemporaryDirectory() as scratch:
+            write_config(config, Path(scratch) / CONFIG_FILE)
+            whole = _table(Path(scratch) / CONFIG_FILE)
+        if missing := _missing(_table(path), whole):
+            raise InputError(
+                f"{path}: {missing} is missing, but must be there: a run's configuration is whole."
+            )
+        return config
+
+    def command(self) -> str:
+        """Return the command that began the run; empty where it is not known."""
+        try:
+            return (self.path / COMMAND_FILE).read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError):
+            return ""
+
+    def evaluation(self) -> Evaluation | None:
+        """Return the evaluation of the finished team, if any."""
+        path = self.path / EVALUATION_FILE
+        return Evaluation.model_validate_json(path.read_text(encoding="utf-8")) if path.exists() else None
+
+    def write_evaluation(self, evaluation: Evaluation) -> None:
+        write_whole(self.path / EVALUATION_FILE, evaluation.model_dump_json(indent=2) + "\n")
+
+    def finished(self) -> Finished | None:
+        """Return the last record of a finished run, None of any other; InputError if it is damaged."""
+        path = self.path / FINISHED_FILE
+        try:
+            return Finished(**json.loads(path.read_bytes()))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(f"{path}: not the last record of a run ({error}).") from None
+
+    def finish(self, record: Finished) -> None:
+        """Write the last record, once all else is on the disk, and remove what only a resume needs."""
+        try:
+            for path in (self.path, self.policy):
+                for written in path.iterdir():
+                    if is_regular(written):
+                        sync(written)
+                sync(path)
+        except OSError as error:
+            raise self._unwritable(error) from None
+        write_whole(self.path / FINISHED_FILE, json.dumps(asdict(record)) + "\n", durable=True)
+        # Not before: until here a kill must find something to go on from.
+        remove_checkpoints(self.checkpoints)
+
+    def recording(self, step: int) -> Path:
+        """Return where the playback of decision `step` is recorded."""
+        self.recordings.mkdir(exist_ok=True)
+        return self.recordings / f"{step:012d}.rrd"
+
+    def _is_command(self) -> bool:
+        """Return whether a run that was killed as it began has left its command."""
+        return is_regular(self.path / COMMAND_FILE) and (self.command() + " ").startswith("robosim ")
+
+    def _unwritable(self, error: OSError) -> InputError:
+        return InputError(f"{self.path}: the run folder cannot be written: {error.strerror or error}.")
+
+    def _check_layout(self) -> None:
+        """Raise InputError if something else lies where a run writes."""
+        for names, kind, is_kind in (
+            (_FILES, "regular file", stat.S_ISREG),
+            (_FOLDERS, "folder", stat.S_ISDIR),
+        ):
+            for name in names:
+                with contextlib.suppress(FileNotFoundError):
+                    mode = (self.path / name).lstat().st_mode
+                    if not is_kind(mode):
+                        found = "a link" if stat.S_ISLNK(mode) else "something else"
+                        raise InputError(
+                            f"{self.path / name}: this is {found}, but must be a {kind}: a run writes there."
+                        )
+        known = {WEIGHTS_FILE, CARD_FILE}
+        strange = {path.name for path in self.policy.iterdir()} - known if self.policy.is_dir() else set()
+        if strange:
+            raise InputError(
+                f"{self.policy}: holds {shown(min(strange))}, but must hold a policy alone: it is replaced."
+            )
+
+    def _remove_strays(self) -> None:
+        """Remove what killed processes have left half written."""
+        remove_strays(self.path, lambda name: name in _FILES)
+        for folder, written in (
+            (self.checkpoints, is_checkpoint_file),
+            (self.recordings, lambda name: bool(_RECORDING.fullmatch(name))),
+        ):
+            if folder.is_dir() and not folder.is_symlink():
+                remove_strays(folder, written)
+        for path in self.path.iterdir():
+            if _POLICY_SCRATCH.fullmatch(path.name) and not path.is_symlink() and path.is_dir():
+                _remove_scratch(path)
+
+
+def _remove_scratch(scratch: Path) -> None:
+    for policy in (scratch / "new", scratch / "old"):
+        if policy.is_dir() and not policy.is_symlink():
+            for name in (WEIGHTS_FILE, CARD_FILE):
+                if is_regular(policy / name):
+                    (policy / name).unlink()
+            _remove_empty(policy)
+    _remove_empty(scratch)
+
+
+def _remove_empty(folder: Path) -> None:
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
+def _table(path: Path) -> dict[str, Any]:
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def _missing(table: Mapping[str, Any], whole: Mapping[str, Any]) -> str:
+    """Return the first key of `whole` that `table` lacks, with those above it; empty if none."""
+    for name, value in whole.items():
+        if name not in table:
+            return name
+        if isinstance(value, dict) and (below := _missing(table[name], value)):
+            return f"{name}.{below}"
+    return ""
