@@ -143,7 +143,7 @@ def _tidy(folder: Path) -> None:
         try:
             needed.update(_read_header(path)["parts"])
         except InputError:
-            # Damaged: whoever resumes is told; until then nothing is thrown away.
+            # Damaged: whoever resumes hears of it; until then nothing is thrown away.
             return
     for path in _written(folder):
         if _PART.fullmatch(path.name) and path.name not in needed:
