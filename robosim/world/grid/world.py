@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
-from robosim.errors import InputError
+from robosim.errors import refused
 from robosim.robot.drivers import CARDINAL_STEPS, NUM_ACTIONS, ActionKind
 from robosim.world.contacts import ContactKind, Contacts, no_contacts
 from robosim.world.draws import draw_episode
@@ -55,10 +55,8 @@ class GridWorld:
         """`pellet_gradient` is explained in `robosim.world.draws.draw_pellets`."""
         self.arena = grid_arena(arena)
         if robots > self.arena.capacity:
-            raise InputError(
-                f"robots: {robots} do not fit the arena {arena.name!r} in the grid, one a cell; "
-                f"allowed are 1 to {self.arena.capacity}."
-            )
+            room = f"the room in arena {arena.name!r} in the grid, one robot a cell"
+            raise refused("robots", robots, f"a whole number from 1 to {self.arena.capacity}, {room}")
         self._pellet_gradient = pellet_gradient
         self.robots = robots
         self.num_envs = num_envs
