@@ -1,1 +1,1 @@
-"""Measuring what teams do, and what the simulator costs."""
+"""What teams did: metrics, clogs, figures and reports, from frames as they come."""
