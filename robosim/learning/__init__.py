@@ -1,1 +1,1 @@
-"""Learning: stacked Q-networks, replay, techniques and the trainer. The only package that imports torch."""
+"""Learning: algorithms, techniques, curriculum, and runs that resume. The only package that imports torch."""

@@ -1,1 +1,1 @@
-"""Where bodies are: robots and pellets as rigid bodies, moved only by wheel commands."""
+"""Where robots and pellets are: one protocol, rigid bodies or the grid behind it, and who chooses."""
