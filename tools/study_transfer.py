@@ -69,7 +69,8 @@ def _row(group: list[str], settings: Settings) -> str:
     if not isinstance(team, LearnedController):
         raise SystemExit(f"{group[0]} is a scripted controller: give trained policies.")
     env, arena = team.policy.card.env, team.policy.card.arena.name
-    cells = [Path(group[0]).name, str(env.robots), env.world]
+    name = Path(_training(group[0])).name + (f", {len(group)} seeds" if len(group) > 1 else "")
+    cells = [name, str(env.robots), env.world]
     for world in WORLD_KINDS:
         brought = [pellets(policy, arena, env.robots, world, settings) for policy in group]
         reference = pellets("lanes", arena, env.robots, world, settings)
