@@ -7,8 +7,9 @@ command line.
 
 from __future__ import annotations
 
+import re
 import types
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, TypeVar, Union, get_args, get_origin
 
 import annotated_types
@@ -20,6 +21,8 @@ from pydantic_core import ErrorDetails
 from robosim.errors import InputError, nearest_names, refused, shown
 
 _Item = TypeVar("_Item")
+_LONGEST_KEY = 60
+"""Characters of a field's name as mistakes print it."""
 
 Many = Annotated[tuple[_Item, ...], Field(strict=False)]
 """A tuple that may also be given as a list, as files have it."""
@@ -80,11 +83,19 @@ class Record(BaseModel):
         """Return `options` of this record as it is, with the fields of the classes that its records have."""
         return dict(_options(type(self), (), self))
 
+    def require_options(self, names: Iterable[str]) -> None:
+        """Raise InputError for a name that `with_options` does not know."""
+        known = self.own_options()
+        for name in names:
+            if name not in known and not isinstance(getattr(self, name, None), Record):
+                raise InputError(f"{shown(name)} is not an option: {nearest_names(name, known)}")
+
     def with_options(self, **values: Any) -> Self:
         """Return a copy with other values in the fields of these short names, checked anew.
 
         A nested record may also be given whole, by the name of its field.
         """
+        self.require_options(values)
         known, fields = self.own_options(), type(self).model_fields
         whole = {
             name: value for name, value in values.items() if name in fields and isinstance(value, Record)
@@ -92,7 +103,7 @@ class Record(BaseModel):
         nested: dict[str, Any] = {}
         for name in (name for name in values if name not in whole):
             if name not in known:
-                raise InputError(f"{shown(name)} is not an option: {nearest_names(name, known)}")
+                raise refused(name, values[name], f"a {type(getattr(self, name)).__name__}")
             *outer, own = known[name].path
             inner = nested
             for step in outer:
@@ -140,14 +151,22 @@ def sentence(model: type[BaseModel], error: ValidationError) -> str:
 
 def _sentence(model: type[BaseModel], error: ErrorDetails) -> str:
     keys = [part for part in error["loc"] if isinstance(part, str)]
-    place, owner, field = ".".join(keys), model, None
+    # Keys of a stranger's file must not steer a terminal.
+    names = [key if key.isprintable() and len(key) <= _LONGEST_KEY else shown(key) for key in keys]
+    place, owner, field = ".".join(names), model, None
+    described = error["msg"]
     for key in keys:
         field = owner.model_fields.get(key)
         if field is None:
             break
+        if get_origin(field.annotation) is dict and key is not keys[-1]:
+            # What follows are keys of the table itself.
+            described, field = _allowed(get_args(field.annotation)[1], []), None
+            break
+        described = allowed(field)
         owner = _model_in(field.annotation) or owner
     if error["type"] == "extra_forbidden":
-        table = f" of {'.'.join(keys[:-1])}" if len(keys) > 1 else ""
+        table = f" of {'.'.join(names[:-1])}" if len(keys) > 1 else ""
         return f"{shown(keys[-1])} is not an option{table}: {nearest_names(keys[-1], owner.model_fields)}"
     if error["type"] == "missing":
         return f"{place} is missing" + (f"; it must be {allowed(field)}." if field else ".")
@@ -155,7 +174,6 @@ def _sentence(model: type[BaseModel], error: ErrorDetails) -> str:
     if error["type"] == "value_error":
         text = error["msg"].removeprefix("Value error, ").rstrip(".")
         return f"{place + ': ' if place else ''}{text}" + ("" if text.endswith("?") else ".")
-    described = allowed(field) if field is not None else error["msg"]
     return str(refused(place, value, described))
 
 
@@ -185,6 +203,9 @@ def _allowed(annotation: Any, metadata: list[Any]) -> str:
         return " or ".join(shown(value) for value in get_args(annotation))
     if origin is tuple:
         return f"a list of {_lengths(metadata)}{_plural(annotation)}"
+    if origin is dict:
+        most = _first(metadata, annotated_types.MaxLen)
+        return "a table" + (f" of at most {most.max_length} entries" if most else "")
     if annotation is bool:
         return "true or false"
     if annotation in (int, float):
@@ -198,7 +219,8 @@ def _allowed(annotation: Any, metadata: list[Any]) -> str:
 
 def _plural(annotation: Any) -> str:
     item = _allowed(get_args(annotation)[0], [])
-    return item.removeprefix("a ").replace("number", "numbers", 1)
+    # Of its words the first noun takes the plural: a whole number from 1 to 9, a list of texts.
+    return re.sub("(number|list|text|table)", r"\1s", item.removeprefix("a "), count=1)
 
 
 def _lengths(metadata: list[Any]) -> str:

@@ -1,5 +1,7 @@
 """Records: what they take, what they refuse and in which words, and their options by short names."""
 
+from typing import Annotated
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -104,6 +106,37 @@ def test_what_is_shown_is_one_short_printable_line(value) -> None:
     text = shown(value)
     assert text.isprintable()
     assert len(text) <= 80
+
+
+def test_none_leaves_every_field_as_it_is() -> None:
+    named, _ = env_config("s-bend", robots=3)
+    nothing = dict.fromkeys(["arena", "reward", "pheromone", *EnvConfig.options()])
+    assert env_config(named, **nothing)[0] == named
+    assert env_config("s-bend", **nothing | {"robots": 3})[0] == named
+
+
+def test_keys_and_values_of_a_table_are_named_printably() -> None:
+    class Facts(Record):
+        facts: dict[Annotated[str, Field(max_length=90)], str] = Field(default={}, max_length=2)
+
+    class Whole(Record):
+        inner: Facts = Facts()
+
+    for facts, sentence in (
+        ({"how": 5}, "inner.facts.how is 5, but must be a text."),
+        ({"facts": 5}, "inner.facts.facts is 5, but must be a text."),
+        ({"\x1b[2J": 5}, 'inner.facts."\\u001b[2J" is 5, but must be a text.'),
+        ({"a": "", "b": "", "c": ""}, "inner.facts is a table, but must be a table of at most 2 entries."),
+    ):
+        with pytest.raises(InputError) as refusal:
+            Whole(inner={"facts": facts})
+        assert str(refusal.value) == sentence
+    with pytest.raises(InputError) as refusal:
+        Whole(inner={"facts": {"x" * 5000: "long"}})
+    assert len(str(refusal.value)) < 400
+    with pytest.raises(InputError) as refusal:
+        Whole.from_table({"inner": {"\x1b": {}}}, "FILE")
+    assert str(refusal.value) == 'FILE: "\\u001b" is not an option of inner: known names are facts.'
 
 
 def test_a_configuration_holds_the_arenas_text_and_takes_an_arena_three_ways(tmp_path) -> None:

@@ -62,15 +62,16 @@ def env_config(base: EnvConfig | Arena | str | Path | None = None, **fields: Any
 
     `base` is a configuration, or the arena of one: a name, a file or an arena already read. `fields` replace
     fields of it, those of its rewards and pheromones by their short names (`reward="local"`,
-    `signed_distance=True`, `pheromone_decay=0.2`). The configuration returned holds the arena's text, so
-    that it is whole wherever it goes. Raises InputError.
+    `signed_distance=True`, `pheromone_decay=0.2`); None leaves a field as it is. The configuration returned
+    holds the arena's text, so that it is whole wherever it goes. Raises InputError.
     """
-    config = base if isinstance(base, EnvConfig) else EnvConfig()
-    if base is not None and not isinstance(base, EnvConfig):
-        fields = {"arena": base} | fields
-    given = fields.pop("arena", config.arena)
+    config, arena_of_base = (base, None) if isinstance(base, EnvConfig) else (EnvConfig(), base)
+    places = (fields.pop("arena", None), arena_of_base, config.arena)
+    given = next(place for place in places if place is not None)
     if not isinstance(given, str | Path | Arena):
         raise refused("arena", given, "a name, a path or an arena")
+    # A name that nobody knows is a mistake even where its value is left open.
+    config.require_options(fields)
     arena = given if isinstance(given, Arena) else load_arena(given)
     config = config.with_options(**{name: value for name, value in fields.items() if value is not None})
     config = config.changed(arena=arena.text)

@@ -343,6 +343,8 @@ def test_as_many_robots_as_fit_and_one_alone_both_run() -> None:
         ({"collision_weight": -1}, "reward.collision_weight is -1, but must be a number from 0 to 1e+06."),
         ({"pheromone_decay": 2}, "pheromone.decay is 2, but must be a number from 1e-06 to 1."),
         ({"warld": 2}, '"warld" is not an option: did you mean world or reward or reward_pickup?'),
+        ({"warld": None}, '"warld" is not an option: did you mean world or reward or reward_pickup?'),
+        ({"pheromone": {"radius": 1}}, "pheromone is a table, but must be a PheromoneConfig."),
         ({"sharing": "equal"}, 'reward.sharing is "equal", but must be "copied" or "split".'),
         ({"stigmergy": "yes"}, 'stigmergy is "yes", but must be true or false.'),
         ({"autoreset": 1}, "autoreset is 1, but must be true or false."),
