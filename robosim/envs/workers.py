@@ -72,7 +72,8 @@ class WorkerVectorEnv:
     ) -> None:
         # Wrong input is found here, before any process is spawned, in the words of VectorEnv.
         sample = VectorEnv(arena, num_envs=num_envs, seed=seed, **fields)
-        if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= num_envs:
+        number = isinstance(workers, int | np.integer) and not isinstance(workers, bool)
+        if not number or not 1 <= workers <= num_envs:
             raise refused("workers", workers, f"a whole number from 1 to num_envs, {num_envs}")
         self.seeds_from = sample.seeds_from
         self.config = sample.config
@@ -93,7 +94,7 @@ class WorkerVectorEnv:
         self._close = weakref.finalize(self, _end, self._pipes, self._processes)
         for share in self._shares:
             ours, theirs = context.Pipe()
-            own = {"base": self.config, "seed": sample.seeds[share]}
+            own = {"base": self.config, "seed": sample.seeds[share], "autoreset": sample.autoreset}
             process = context.Process(
                 target=_work, args=(theirs, self._memory, kinds, share, own), daemon=True
             )

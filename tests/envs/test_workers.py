@@ -202,3 +202,15 @@ def _of_another_size():
     other = VectorEnv("paper", robots=1)
     other.reset()
     return other.snapshot()
+
+
+def test_workers_keep_what_the_plain_environment_does_at_the_end_of_an_episode() -> None:
+    with vector_env(
+        "paper", robots=1, num_envs=2, workers=np.int64(2), episode_steps=2, autoreset=False, world="grid"
+    ) as env:
+        env.reset(0)
+        env.step(np.zeros((2, 1), dtype=int))
+        ended = env.step(np.zeros((2, 1), dtype=int))
+        assert np.array_equal(ended.observation, ended.final_observation)
+        with pytest.raises(InputError, match="the episode has ended after 2 decisions"):
+            env.step(np.zeros((2, 1), dtype=int))
