@@ -92,11 +92,12 @@ class DecPomdp:
         motion = self._motion(was_true, self._true)
         truth = self.truth
         reward = truth.judge(actions, state, was_true, self._true, motion)
-        if self._seen is self._true and self._percept.touched is state.touched:
+        percept = self._percept
+        exact = percept.touched is state.touched and percept.refused is state.refused
+        if exact and self._seen is self._true:
             self._notice(actions, motion, truth.collided, truth.blocked)
         else:
             seen_motion = self._motion(was_seen, self._seen)
-            percept = self._percept
             met = encounters(actions, percept.touched, percept.refused, seen_motion)
             self._notice(actions, seen_motion, *met)
         return reward

@@ -9,6 +9,7 @@ from numpy.testing import assert_array_equal
 from robosim.arena import load_arena
 from robosim.control.lanes import LanesController
 from robosim.discretise.dec_pomdp import DecPomdp
+from robosim.discretise.modes import Mode
 from robosim.discretise.observation import ObservationLayout
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import RewardConfig
@@ -90,3 +91,25 @@ def test_sensors_draw_from_seeds_of_their_own() -> None:
     sensor = Copies()
     next(iter(along_a_run(sensor)))
     assert [seed.entropy for seed in sensor.seeds] == [8, 9]
+
+
+class Unaware(ExactSensor):
+    """Perceives all but that a move was refused."""
+
+    def sense(self, state: WorldState) -> Percept:
+        return super().sense(state)._replace(refused=np.zeros_like(state.refused))
+
+
+def test_who_does_not_notice_a_refusal_shows_no_collision_by_it() -> None:
+    env = VectorEnv("paper", robots=1, world="grid")
+    env.reset()
+    other = DecPomdp(env.world, LAYOUT, RewardConfig(), PheromoneConfig(), Unaware())
+    other.reset(env.world.state, [np.random.SeedSequence(0)])
+    while not env.world.state.refused.any():
+        env.step([[0]])
+        other.update(np.array([[0]]), env.world.state)
+    env.step([[4]])
+    other.update(np.array([[4]]), env.world.state)
+    assert other.truth.blocked.all()
+    assert env.dec_pomdp.shown_mode[0, 0] == Mode.COLLISION
+    assert other.shown_mode[0, 0] != Mode.COLLISION
