@@ -29,8 +29,11 @@ FORMAT_VERSION: Final = 2
 MOST_BYTES = 5_000_000
 """What a card's file may hold; an arena's text takes up to a million."""
 
+MOST: Final = 10**15
+"""Of what a card counts; larger numbers than a float holds to the digit are no counts."""
+
 Text = Annotated[str, Field(max_length=2000)]
-Count = Annotated[int, Field(ge=0)]
+Count = Annotated[int, Field(ge=0, le=MOST)]
 
 
 class TechniqueCard(Record):
@@ -76,7 +79,7 @@ class TrainingCard(Record):
     seed: int = Field(ge=0)
     steps: int = Field(ge=0)
     """Joint decisions."""
-    wall_time: float = Field(ge=0)
+    wall_time: float = Field(ge=0, le=MOST)
     """s."""
     versions: dict[Text, Text] = Field(max_length=100)
     """Of the packages that computed it."""

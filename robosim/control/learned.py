@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.control.policy import Policy
-from robosim.errors import InputError
+from robosim.errors import InputError, shown
 
 if TYPE_CHECKING:
     from robosim.envs.vector import VectorEnv
@@ -70,7 +70,8 @@ def _observations(trained: tuple[str, ...], given: tuple[str, ...]) -> Iterator[
     """Yield how the first numbers that differ do, if any do."""
     for place, (one, other) in enumerate(zip(trained, given, strict=False)):
         if one != other:
-            yield f"observation entry {place} was {one} in training and is {other} here"
+            # The card may come from a stranger: what it says must not steer a terminal.
+            yield f"observation entry {place} was {shown(one)} in training and is {shown(other)} here"
             return
     if len(trained) != len(given):
         yield f"observation size was {len(trained)} in training and is {len(given)} here"

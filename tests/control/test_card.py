@@ -94,6 +94,14 @@ def refused(tmp_path, text):
             [4],
             "evaluation: collisions must hold 2 numbers, one for each episode.",
         ),
+        (
+            "evaluation.delivered",
+            [[10**400, 2, 3], [4, 5, 6]],
+            (
+                "evaluation.delivered is a whole number of more than 30 digits, but must be a list of lists "
+                "of whole numbers from 0 to 1000000000000000."
+            ),
+        ),
         ("evaluation.robots", 0, "evaluation.robots is 0, but must be a whole number from 1."),
         (
             "training.stages",

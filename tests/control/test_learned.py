@@ -89,8 +89,13 @@ def test_observations_that_mean_something_else_are_refused(fitting, weights_of):
     with pytest.raises(InputError) as caught:
         controller(fitting(observation=names), weights_of).reset(env)
     assert str(caught.value).endswith(
-        f": observation entry 3 was luck in training and is {env.layout.names[3]} here."
+        f': observation entry 3 was "luck" in training and is "{env.layout.names[3]}" here.'
     )
+    names[3] = "\x1b[2Jluck" + "!" * 1000
+    with pytest.raises(InputError) as caught:
+        controller(fitting(observation=names), weights_of).reset(env)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 300
     size = env.layout.size
     with pytest.raises(InputError) as caught:
         controller(fitting(observation=env.layout.names[:-1], size=size - 1), weights_of).reset(env)
