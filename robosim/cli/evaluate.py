@@ -42,12 +42,15 @@ class Evaluate:
         from robosim.control.controller import make_controller
         from robosim.control.environment import environment_for
         from robosim.control.evaluate import evaluate
+        from robosim.envs.config import MOST_STEPS
         from robosim.envs.vector import MAX_SEED
         from robosim.errors import whole_number
         from robosim.files import require_writable, write_whole
 
         whole_number("--episodes", self.episodes, 1, 10_000)
         whole_number("--seed", self.seed, 0, MAX_SEED)
+        if self.steps is not None:
+            whole_number("--steps", self.steps, 1, MOST_STEPS)
         if self.json is not None:
             require_writable(self.json)
         monitor = self._monitor()

@@ -54,6 +54,14 @@ def test_without_a_report_nothing_is_watched_and_nothing_else_is_printed(capsys)
     assert lines[-1] == "[] False False"
 
 
+@pytest.mark.parametrize("steps", ["0", "-1"])
+def test_an_episode_has_a_decision_at_least(steps, capsys):
+    assert main(["evaluate", "lanes", "--episodes", "1", "--steps", steps]) == 2
+    assert capsys.readouterr().err == (
+        f"robosim: --steps is {steps}, but must be a whole number from 1 to 100000000.\n"
+    )
+
+
 @pytest.mark.parametrize(
     ("place", "why"),
     [
