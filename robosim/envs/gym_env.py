@@ -17,7 +17,7 @@ from robosim.envs.config import EnvConfig
 from robosim.envs.render import Painter, checked_render_mode
 from robosim.envs.seeding import EpisodeSeed
 from robosim.envs.vector import VectorEnv
-from robosim.errors import InputError
+from robosim.errors import InputError, refused
 
 Observation = NDArray[np.float32]
 
@@ -47,6 +47,8 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
             fields.setdefault("reward", "local")
         self._batch = VectorEnv(arena, num_envs=1, autoreset=False, **fields)
         self._seed = EpisodeSeed(self._batch)
+        if not isinstance(others, str | Path) and not (hasattr(others, "reset") and hasattr(others, "act")):
+            raise refused("others", others, "a name, a path or a controller")
         self._others = make_controller(others) if isinstance(others, str | Path) else others
         layout = self._batch.layout
         self.observation_space = Box(layout.low, layout.high, dtype=np.float32)
@@ -62,8 +64,9 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
 
         The first episode without a seed has a fresh one; the info says which.
         """
-        super().reset(seed=seed)
+        # First, for what it refuses is a sentence.
         self._observation = self._seed.begin(seed)
+        super().reset(seed=None if seed is None else int(seed))
         self._others.reset(self._batch)
         self._under_way = True
         return self._observation[0, 0].copy(), self._info()

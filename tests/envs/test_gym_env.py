@@ -104,3 +104,17 @@ def test_wrong_action_is_one_sentence() -> None:
         env.step(np.int64(7))
     with pytest.raises(InputError, match=r"is nan, but must be a whole number from 0 to 4\.$"):
         env.step(float("nan"))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "a", True, 2**64])
+def test_a_wrong_seed_is_one_sentence_and_the_episode_goes_on(seed: object) -> None:
+    env = ExcavationEnv("paper", robots=2, world="grid")
+    env.reset(seed=np.int64(4))
+    with pytest.raises(InputError, match=r"^seed is .*, but must be a whole number from 0 to "):
+        env.reset(seed=seed)  # type: ignore[arg-type]
+    assert env.step(np.int64(0))[4]["seed"] == 4
+
+
+def test_others_that_are_no_controller_are_one_sentence() -> None:
+    with pytest.raises(InputError, match="^others is None, but must be a name, a path or a controller"):
+        ExcavationEnv("paper", others=None)  # type: ignore[arg-type]
