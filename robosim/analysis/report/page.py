@@ -106,7 +106,9 @@ def _tiles(evaluation: Evaluation, episodes: Sequence[Episode]) -> list[tuple[st
     tiles = [(f"{evaluation.mean:.1f}{spread}", "pellets in an episode")]
     if episodes[0].tunnels.count:
         tiles.append((mean_share([clogged_share(one) for one in episodes]), "of the time clogged"))
-        tiles.append((str(count), f"clogs in {number_of(len(episodes), 'episode')}"))
+        tiles.append(
+            (str(count), f"{'clog' if count == 1 else 'clogs'} in {number_of(len(episodes), 'episode')}")
+        )
     tiles.append((strategy, about))
     return tiles
 
@@ -115,6 +117,7 @@ def _facts(evaluation: Evaluation, episode: Episode) -> dict[str, object]:
     return {
         "controller": evaluation.controller,
         "arena": evaluation.arena,
+        "world": evaluation.world,
         "tunnels": ", ".join(f"{length:.3g} m" for length in episode.tunnels.length) or "none",
         "robots": evaluation.robots,
         "episodes": evaluation.episodes,

@@ -195,7 +195,10 @@ def metrics_record(
 
 def _table(schema: pa.Schema, rows: Sequence[Sequence[Any]]) -> pa.Table:
     columns = list(zip(*rows, strict=True)) if rows else [()] * len(schema)
-    arrays = [pa.array(column, field.type) for column, field in zip(columns, schema, strict=True)]
+    # What a world does not know is NaN in the monitor and null in a file, or sums over a column would be NaN.
+    arrays = [
+        pa.array(column, field.type, from_pandas=True) for column, field in zip(columns, schema, strict=True)
+    ]
     return pa.Table.from_arrays(arrays, schema=schema)
 
 

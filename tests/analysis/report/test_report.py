@@ -20,11 +20,16 @@ from robosim.analysis.figures.catalogue import FIGURES
 from robosim.analysis.figures.rendering import Rendered
 from robosim.analysis.figures.style import COLUMN
 from robosim.analysis.measure.metrics import METRICS, NotDefined, clogs, shown, summarise
+from robosim.analysis.measure.monitor import TeamMonitor
 from robosim.analysis.measure.strategy import classify
 from robosim.analysis.report.folder import require_folder, whole_folder
+from robosim.analysis.report.tables import trip_table
 from robosim.analysis.report.words import congestion_lines
 from robosim.analysis.report.writer import write_report
+from robosim.control.controller import make_controller
+from robosim.control.evaluate import evaluate
 from robosim.discretise.modes import Mode
+from robosim.envs.vector import VectorEnv
 from robosim.episodes.trajectory import load_trajectory
 from robosim.errors import InputError
 from tests.analysis.figures.test_figures import COMMAND, RUNS, report, watched
@@ -170,6 +175,17 @@ def test_metrics_json_equals_the_summaries(run):
         assert entry["n"] == len(summary.defined)
     strategies = [(one["strategy"], one["reason"]) for one in record["strategy"]]
     assert strategies == [(found.strategy.value, found.reason) for found in map(classify, seen.episodes)]
+
+
+def test_what_a_world_does_not_know_is_null_in_trips_parquet():
+    env = VectorEnv("paper", robots=2, num_envs=1, episode_steps=150, world="grid")
+    monitor = TeamMonitor()
+    evaluate(make_controller("lanes"), env, 1, watch=[monitor])
+    table = trip_table(monitor.episodes)
+    assert table.num_rows > 2
+    for name in ("impulse_Ns", "energy_J"):
+        assert table[name].null_count == table.num_rows
+    assert table["touches_of_robots"].null_count == 0
 
 
 @pytest.mark.parametrize("run", RUNS)
