@@ -74,8 +74,4 @@ def env_config(base: EnvConfig | Arena | str | Path | None = None, **fields: Any
     config.require_options(fields)
     arena = given if isinstance(given, Arena) else load_arena(given)
     config = config.with_options(**{name: value for name, value in fields.items() if value is not None})
-    config = config.changed(arena=arena.text)
-    if config.robots > arena.capacity:
-        room = f"a whole number from 1 to {arena.capacity}, the room in arena {arena.name!r}"
-        raise refused("robots", config.robots, room)
-    return config, arena
+    return config.changed(arena=arena.text), arena
