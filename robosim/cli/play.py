@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import subprocess
 import sys
 import time
@@ -23,6 +22,8 @@ if TYPE_CHECKING:
 
 AROUND = 5.0
 """Time before and after a clog that `--clogs-only` records, s."""
+LONGEST_AROUND = 1e9
+"""Longest such time, s: more than any episode lasts."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,8 @@ class Play:
             return
         if not self.clogs_only:
             raise InputError("--around says how much to record around clogs: it needs --clogs-only.")
-        if not (math.isfinite(self.around) and self.around >= 0.0):
-            raise refused("--around", self.around, "0 or more seconds")
+        if not 0.0 <= self.around <= LONGEST_AROUND:
+            raise refused("--around", self.around, f"a number of seconds from 0 to {LONGEST_AROUND:g}")
 
     def _say_done(self, what: str, complete: bool) -> None:
         size = self.save.stat().st_size / 1e6

@@ -173,10 +173,10 @@ def _layout(card: PolicyCard) -> list[tuple[str, str]]:
     arena, env, period = card.arena, card.env, card.arena.timing.decision_period
     pheromones = "with" if env.stigmergy else "without"
     return [
-        ("arena", f"{arena.name}, cells of {arena.cell_size} m, text {arena.sha256[:12]}"),
+        ("arena", f"{arena.name}, cells of {arena.cell_size:g} m, text {arena.sha256[:12]}"),
         ("world", env.world),
         ("observation", f"{len(card.observation)} numbers, {env.encoding}, {pheromones} pheromones"),
-        ("actions", f"{card.network.actions}, {env.actions}, every {period} s"),
+        ("actions", f"{card.network.actions}, {env.actions}, every {period:g} s"),
         *_network(card.network),
     ]
 

@@ -94,7 +94,7 @@ class Evaluation(Record):
     arena: str = Field(max_length=2000)
     """Name of the arena."""
     world: WorldKind = "physics"
-    robots: int = Field(ge=1)
+    robots: int = Field(ge=1, le=1000)
     episode_steps: int = Field(ge=1)
     seed: int = Field(ge=0)
     delivered: Many[Many[Count]] = Field(min_length=1)

@@ -27,6 +27,8 @@ LONGEST_POLICY = 4096
 _FORMAT = 4
 _FIELDS = ("format", "config", "seed", "episode", "chosen", "policy")
 _LARGEST = 2**30
+_LONGEST_CONFIG = 10_000_000
+"""Bytes of the configuration; an arena's text takes up to a million characters."""
 _DAMAGE = (
     ValueError,
     TypeError,
@@ -135,6 +137,10 @@ def _checked(source: Path, values: _Values) -> Trajectory:
 
 
 def _config(source: Path, values: _Values) -> EnvConfig:
+    # Parsed, a text takes many times its size.
+    if len(values["config"].ravel()) > _LONGEST_CONFIG:
+        found = _described(values["config"])
+        raise _refused(source, "config", found, f"at most {_LONGEST_CONFIG} bytes of a text")
     text = _text(source, "config", values)
     try:
         table = json.loads(text)

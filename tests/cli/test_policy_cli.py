@@ -71,7 +71,7 @@ def ships(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_list_tells_what_each_delivers(ships: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_list_shows_what_each_delivers(ships: Path, capsys: pytest.CaptureFixture[str]) -> None:
     make_policy(ships / "paper-2")
     make_policy(ships / "paper-2-short", evaluation=make_evaluation("x", 4, 4, steps=100), reference=None)
     make_policy(ships / "paper-2-unknown", evaluation=None)
@@ -212,3 +212,10 @@ def test_help_and_piped_output_are_plain() -> None:
         result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         assert (result.returncode, result.stderr) == (0, "")
         assert "\x1b" not in result.stdout
+
+
+def test_show_rounds_the_period_of_the_grid(ships: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    grid = VectorEnv("paper", robots=2, world="grid").arena
+    make_policy(ships / "paper-2", arena=arena_card(grid))
+    assert main(["policy", "show", "paper-2"]) == 0
+    assert "actions       5, cardinal, every 0.75 s" in capsys.readouterr().out.splitlines()

@@ -102,7 +102,14 @@ def refused(tmp_path, text):
                 "of whole numbers from 0 to 1000000000000000."
             ),
         ),
-        ("evaluation.robots", 0, "evaluation.robots is 0, but must be a whole number from 1."),
+        (
+            "evaluation.robots",
+            10**400,
+            (
+                "evaluation.robots is a whole number of more than 30 digits, but must be "
+                "a whole number from 1 to 1000."
+            ),
+        ),
         (
             "training.stages",
             [{"name": "x"}],

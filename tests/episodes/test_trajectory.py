@@ -283,6 +283,10 @@ LINE = "but must be one line of at most 4096 printable characters."
         ({"config": np.array([1.0])}, "config is float64 [1], but must be the bytes of a text."),
         ({"config": text(b"a\xff\xfe")}, "config is byte 1, but must be UTF-8 text."),
         ({"config": text(b"[2]")}, "config is [2], but must be a table."),
+        (
+            {"config": text(b"[" * 10_000_001)},
+            "config is uint8 [10000001], but must be at most 10000000 bytes of a text.",
+        ),
         ({"config": text(b"robots = 2")}, "config is not JSON (Expecting value: line 1 column 1 (char 0))."),
         (
             {"config": text(b'{"robots": 0}')},

@@ -464,8 +464,18 @@ def test_without_a_clog_there_is_a_sentence_and_no_file(tmp_path, capsys):
     ("options", "sentence"),
     [
         (["--around", "2"], "--around says how much to record around clogs: it needs --clogs-only."),
-        (["--clogs-only", "--around", "-1"], "--around is -1.0, but must be 0 or more seconds."),
-        (["--clogs-only", "--around", "nan"], "--around is nan, but must be 0 or more seconds."),
+        (
+            ["--clogs-only", "--around", "-1"],
+            "--around is -1.0, but must be a number of seconds from 0 to 1e+09.",
+        ),
+        (
+            ["--clogs-only", "--around", "1e308"],
+            "--around is 1e+308, but must be a number of seconds from 0 to 1e+09.",
+        ),
+        (
+            ["--clogs-only", "--around", "nan"],
+            "--around is nan, but must be a number of seconds from 0 to 1e+09.",
+        ),
         (["--clogs-only", "--save", "run.mp4"], "Recording 'run.mp4': the file name must end in .rrd"),
         (["--clogs-only", "--save", "nowhere/run.rrd"], "Recording 'nowhere/run.rrd': cannot be written"),
     ],
