@@ -125,6 +125,8 @@ class Arena:
     timing: Timing = field(default_factory=Timing)
     start: Start = field(default_factory=Start)
     randomisation: Randomisation = field(default_factory=Randomisation)
+    as_text: bool = True
+    """Whether all of it is what `text` says; not where a world has put timing and starts of its own."""
 
     @property
     def rows(self) -> int:

@@ -72,6 +72,9 @@ def env_config(base: EnvConfig | Arena | str | Path | None = None, **fields: Any
         raise refused("arena", given, "a name, a path or an arena")
     # A name that nobody knows is a mistake even where its value is left open.
     config.require_options(fields)
+    # The arena of an environment has its world's timing and starts, which must not get into another world.
+    if isinstance(given, Arena) and not given.as_text:
+        given = given.text
     arena = given if isinstance(given, Arena) else load_arena(given)
     config = config.with_options(**{name: value for name, value in fields.items() if value is not None})
     return config.changed(arena=arena.text), arena

@@ -48,6 +48,7 @@ def grid_arena(arena: Arena) -> Arena:
         start_places=starts,
         capacity=len(starts),
         pellet_places=_frozen(_inside(arena, arena.pellet_places, Zone.SOURCE)),
+        as_text=False,
     )
 
 

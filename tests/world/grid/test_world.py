@@ -260,6 +260,15 @@ def test_without_room_in_the_source_pellets_wait_and_come_back_when_there_is_som
     assert (bench.state.delivered[0], bench.state.refilled[0]) == (1, 1)
 
 
+@pytest.mark.parametrize("world", ["physics", "grid"])
+def test_the_arena_of_a_grid_environment_makes_the_environment_that_its_text_makes(world: str) -> None:
+    arena = VectorEnv("paper", robots=2, world="grid").arena
+    env, plain = (VectorEnv(one, robots=2, world=world) for one in (arena, "paper"))
+    assert env.arena.timing == plain.arena.timing
+    assert_array_equal(env.arena.start_places, plain.arena.start_places)
+    assert_array_equal(env.reset(), plain.reset())
+
+
 def test_an_arena_without_pellets_runs() -> None:
     full = load_arena("paper")
     empty = replace(full, pellets=replace(full.pellets, count=0))
