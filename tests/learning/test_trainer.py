@@ -162,6 +162,28 @@ def test_an_interrupt_keeps_metrics_and_policy_and_can_be_resumed(tmp_path):
     assert {row.stage for row in whole} == {"first team", "newcomer 3", "newcomer 4", "fine-tuning"}
 
 
+@pytest.mark.parametrize("newcomer", ["scratch", "copy"])
+def test_actors_and_critics_are_resumed_to_the_same_bits_in_every_stage(tmp_path, monkeypatch, newcomer):
+    """Also in the midst of a rollout, and in a stage that begins with networks of the one before."""
+    config = short(
+        "ia2c", robots=3, curriculum=True, newcomer=newcomer, fine_tune=0.2, rollout=7, evaluation_episodes=0
+    )
+    run(tmp_path / "whole", config)
+    advance = Training.advance
+    for stop in (50, 150, 182, 222):
+
+        def stopping(training, beside=None, stop=stop):
+            if training.step == stop:
+                signal.raise_signal(signal.SIGINT)
+            return advance(training, beside)
+
+        with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+            patched.setattr(Training, "advance", stopping)
+            run(tmp_path / str(stop), config)
+        resume(tmp_path / str(stop), lambda row: None)
+        assert weights(tmp_path / str(stop)) == weights(tmp_path / "whole")
+
+
 def test_frozen_robots_keep_their_bits(tmp_path):
     config = CURRICULUM.with_options(fine_tune=0.0)
     run(tmp_path / "four", config)

@@ -104,7 +104,9 @@ class Ia2c:
             layers[-2].mul_(0.01)
             layers[-1].zero_()
         if start is not None:
-            self._load(self.actor, [torch.from_numpy(array.copy()) for array in start.weights.values()])
+            # By name: a checkpoint gives them back in another order.
+            arrays = [start.weights[name] for name in start.spec.shapes]
+            self._load(self.actor, [torch.from_numpy(array.copy()) for array in arrays])
         self._parameters = [one.requires_grad_() for one in (*self.actor, *self.critic)]
         self._adam = torch.optim.Adam(self._parameters, lr=config.learning_rate, eps=1e-5)
         self._rollout: list[Experience] = []

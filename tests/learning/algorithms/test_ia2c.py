@@ -155,7 +155,9 @@ def test_the_policy_is_what_the_actors_compute(parameters):
 
 def test_it_starts_from_actors_of_its_own_kind():
     first = build().actors()
-    second = SMALL.starting_from(first.spec).build(task(), np.random.SeedSequence(1), first)
+    # Arrays go by their names: files keep them in another order.
+    start = first._replace(weights=dict(sorted(first.weights.items())))
+    second = SMALL.starting_from(first.spec).build(task(), np.random.SeedSequence(1), start)
     for name, array in second.actors().weights.items():
         np.testing.assert_array_equal(array, first.weights[name])
     with pytest.raises(InputError, match="has networks of .*but must have ones of"):
