@@ -14,15 +14,11 @@ import numpy as np
 import torch
 
 import robosim
-from robosim.control.card import (
-    Evaluation,
-    PolicyCard,
-    TrainingCard,
-    card_for,
-)
+from robosim.arena import arena_names, load_arena
+from robosim.control.card import Evaluation, PolicyCard, TrainingCard, card_for
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
-from robosim.control.policy import Policy, save_policy
+from robosim.control.policy import Policy, policy_names, save_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError, shown
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint
@@ -60,6 +56,7 @@ def train(
     far, and raises KeyboardInterrupt; `resume` goes on from there. InputError for a folder that is in use or
     cannot be written, before learning.
     """
+    config = _self_contained(config)
     training, run_folder = Training(config), RunFolder(folder)
     run_folder.begin(config, command)
     return _Run(training, run_folder, report, record, command).finish()
@@ -77,6 +74,16 @@ def resume(folder: Path, report: Report, record: Record | None = None, warn: War
     for row in training.log.rows[-1:]:
         report(row)
     return _Run(training, run_folder, report, record, run_folder.command(), wall_time).finish()
+
+
+def _self_contained(config: RunConfig) -> RunConfig:
+    """Return a configuration that means the same from another folder, and once an arena's file is changed."""
+    arena, start = config.env.arena, config.schedule.start_from
+    if arena not in arena_names():
+        config = config.with_options(arena=load_arena(arena).text)
+    if start and start not in policy_names():
+        config = config.with_options(start_from=str(Path(start).absolute()))
+    return config
 
 
 def finished_result(folder: Path) -> TrainResult | None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 
+from robosim.arena import load_arena
 from robosim.control.card import Evaluation
 from robosim.control.policy import load_policy
 from robosim.envs.vector import VectorEnv
@@ -177,9 +178,10 @@ def test_actors_and_critics_are_resumed_to_the_same_bits_in_every_stage(tmp_path
                 signal.raise_signal(signal.SIGINT)
             return advance(training, beside)
 
-        with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        with monkeypatch.context() as patched:
             patched.setattr(Training, "advance", stopping)
-            run(tmp_path / str(stop), config)
+            with pytest.raises(KeyboardInterrupt):
+                run(tmp_path / str(stop), config)
         resume(tmp_path / str(stop), lambda row: None)
         assert weights(tmp_path / str(stop)) == weights(tmp_path / "whole")
 
@@ -338,6 +340,28 @@ def test_a_curriculum_goes_on_from_a_shipped_team_with_its_layers_and_its_mask(t
         np.testing.assert_array_equal(after[name][:2], array)
     observation = VectorEnv("paper", robots=4, num_envs=3).reset()
     np.testing.assert_array_equal(team.act(observation)[:, :2], shipped.act(observation[:, :2]))
+
+
+def test_a_run_needs_neither_its_arenas_file_nor_the_folder_it_was_begun_in(tmp_path, monkeypatch):
+    options = {"robots": 2, "evaluation_episodes": 0}
+    arena = load_arena("single-lane").text
+    (tmp_path / "own.toml").write_text(arena)
+    run(tmp_path / "before", short("ps-dqn", **options))
+    monkeypatch.chdir(tmp_path)
+    config = short("ps-dqn", arena="own.toml", start_from="before", steps=480, **options)
+    run(tmp_path / "whole", config)
+
+    def stop(row):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "run", stop)
+    kept = RunFolder(tmp_path / "run").config()
+    assert (kept.env.arena, kept.schedule.start_from) == (arena, str(tmp_path / "before"))
+    (tmp_path / "own.toml").write_text(load_arena("paper").text)
+    monkeypatch.chdir(tmp_path / "run")
+    resume(tmp_path / "run", lambda row: None)
+    assert weights(tmp_path / "run") == weights(tmp_path / "whole")
 
 
 def test_acting_beside_learning_changes_no_bit(tmp_path):
