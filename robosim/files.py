@@ -85,6 +85,30 @@ def require_writable(path: str | Path) -> None:
         raise _cannot_be_written(path, error) from None
 
 
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold a folder for this process; the system lets go of it when the process ends, however it ends.
+
+    InputError when another process holds it. Where the system has no such locks, nothing is held.
+    """
+    try:
+        import fcntl
+    except ImportError:  # On Windows.
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{folder}: another process is at work in this folder.") from None
+        except OSError:
+            pass  # Some file systems of networks have no locks; work must be possible there, too.
+        yield
+    finally:
+        os.close(handle)
+
+
 def is_regular(path: Path) -> bool:
     """Return whether a regular file is there itself: a link is none, wherever it leads."""
     try:

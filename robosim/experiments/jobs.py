@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +12,7 @@ from typing import Any
 
 from robosim.errors import InputError
 from robosim.experiments.results import Result, this_machine
-from robosim.files import write_whole
+from robosim.files import alone_in, write_whole
 
 CONFIG_FILE = "config.json"
 WORK_FOLDER = "work"
@@ -67,24 +65,8 @@ def run_job(job: Job, work: Work, root: Path) -> Result:
     """
     folder = job.folder(root)
     (folder / WORK_FOLDER).mkdir(parents=True, exist_ok=True)
-    with _alone(folder):
+    with alone_in(folder):
         write_whole(folder / CONFIG_FILE, json.dumps(job.config, indent=2) + "\n")
         outcome = work(job.config, folder / WORK_FOLDER)
     figures = {name: tuple(map(float, values)) for name, values in outcome.figures.items()}
     return Result(job.key, dict(job.config), figures, outcome.wall_time, this_machine())
-
-
-@contextlib.contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Hold a folder for this process; the system lets go of it when the process ends, however it ends."""
-    # Here, since there is none on Windows.
-    import fcntl
-
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    except BlockingIOError:
-        raise InputError(f"{folder}: another process is at work in this folder.") from None
-    finally:
-        os.close(handle)

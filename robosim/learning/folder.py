@@ -66,19 +66,31 @@ class RunFolder:
         """Whether there is a run in it."""
         return (self.path / CONFIG_FILE).exists()
 
+    def make(self) -> None:
+        """Make the folder, if it is not there; InputError where none can be made."""
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except FileExistsError:
+            raise InputError(f"{self.path}: this is a file; a run needs a folder.") from None
+        except OSError as error:
+            raise self._unwritable(error) from None
+
+    def require_begun(self) -> None:
+        """Raise InputError if there is no run in it."""
+        if not self.begun:
+            raise InputError(f"{self.path}: no run to resume: there is no {CONFIG_FILE} in it.")
+
     def begin(self, config: RunConfig, command: str) -> None:
-        """Make the folder and write what the run depends on.
+        """Make the folder, if need be, and write what the run depends on.
 
         InputError if something is in it, or it cannot be written.
         """
+        self.make()
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
             self._remove_strays()
             if any(path.name != COMMAND_FILE or not self._is_command() for path in self.path.iterdir()):
                 held = "holds a run; `--resume` goes on with it" if self.begun else "is not empty"
                 raise InputError(f"{self.path}: this folder {held}; a new run needs a new one.")
-        except FileExistsError:
-            raise InputError(f"{self.path}: this is a file; a run needs a folder.") from None
         except OSError as error:
             raise self._unwritable(error) from None
         write_whole(self.path / COMMAND_FILE, command + "\n")
@@ -91,8 +103,7 @@ class RunFolder:
         What a killed process left is removed. InputError if there is no run, or a finished one, if the
         configuration is not whole, or if something else lies where a run writes.
         """
-        if not self.begun:
-            raise InputError(f"{self.path}: no run to resume: there is no {CONFIG_FILE} in it.")
+        self.require_begun()
         self._check_layout()
         try:
             self._remove_strays()

@@ -21,6 +21,7 @@ from robosim.control.learned import LearnedController
 from robosim.control.policy import Policy, policy_names, save_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError, shown
+from robosim.files import alone_in
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint
 from robosim.learning.computing import one_thread
 from robosim.learning.config import RunConfig
@@ -58,22 +59,27 @@ def train(
     """
     config = _self_contained(config)
     training, run_folder = Training(config), RunFolder(folder)
-    run_folder.begin(config, command)
-    return _Run(training, run_folder, report, record, command).finish()
+    run_folder.make()
+    with alone_in(folder):
+        run_folder.begin(config, command)
+        return _Run(training, run_folder, report, record, command).finish()
 
 
 def resume(folder: Path, report: Report, record: Record | None = None, warn: Warn = print) -> TrainResult:
     """Go on with an interrupted run from its last good checkpoint, to the same bits as if never stopped.
 
     `warn` hears, in a sentence, of damaged checkpoints that are passed over. InputError when `folder` holds
-    no run, a finished one, one whose checkpoints are all damaged, or something else where a run writes.
+    no run, a finished one, one that another process is at, one whose checkpoints are all damaged, or
+    something else where a run writes.
     """
     run_folder = RunFolder(folder)
-    config = run_folder.reopen()
-    training, wall_time = _latest(config, run_folder.checkpoints, warn)
-    for row in training.log.rows[-1:]:
-        report(row)
-    return _Run(training, run_folder, report, record, run_folder.command(), wall_time).finish()
+    run_folder.require_begun()
+    with alone_in(folder):
+        config = run_folder.reopen()
+        training, wall_time = _latest(config, run_folder.checkpoints, warn)
+        for row in training.log.rows[-1:]:
+            report(row)
+        return _Run(training, run_folder, report, record, run_folder.command(), wall_time).finish()
 
 
 def _self_contained(config: RunConfig) -> RunConfig:

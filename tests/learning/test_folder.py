@@ -355,6 +355,24 @@ def test_a_folder_in_use_or_out_of_reach_is_a_sentence(tmp_path):
     assert (full / "notes.txt").read_text() == (named / "command.txt").read_text() == "mine"
 
 
+def test_a_run_is_one_process_at_a_time(tmp_path):
+    """A second one would take the files that the first writes for what a killed process has left."""
+    at, said = tmp_path / "run", []
+
+    def meanwhile(row):
+        for work in (lambda: resume(at, ignore), lambda: begin(at)):
+            with pytest.raises(InputError) as caught:
+                work()
+            said.append(str(caught.value))
+
+    begin_once = run_config("iql+s", steps=4, num_envs=1, warmup=2, hidden=(8,), evaluation_episodes=0)
+    train(begin_once, at, meanwhile)
+    assert said == [f"{at}: another process is at work in this folder."] * 2
+    # Once it has ended, the folder says what it holds.
+    with pytest.raises(InputError, match="this run is finished"):
+        resume(at, ignore)
+
+
 def test_a_run_that_was_killed_as_it_began_can_begin_again(tmp_path):
     at = tmp_path / "run"
     at.mkdir()
