@@ -120,8 +120,9 @@ def _subcommands(train: type[Train]) -> Any:
 def usage_sentence(box: str) -> str:
     """Return in one sentence what tyro says of wrong usage in a box of several lines."""
     lines = [line.strip("│╭╮╰╯ ") for line in box.splitlines()]
-    parts = " ".join("\n" if set(line) <= {"─"} else line for line in lines[1:]).split("\n")
-    sentence = " ".join(parts[0].split())
+    # Where the output takes only ASCII, the box has no sides, and one rule more: below its title.
+    parts = " ".join("\n" if set(line) <= {"─", "-"} else line for line in lines[1:]).split("\n")
+    sentence = " ".join(next((part for part in parts if part.strip()), "").split())
     # What a dataclass refuses is already a sentence, behind a name that means nothing to users.
     sentence = re.sub(r"^Error parsing __\S+: ", "", sentence)
     meant = re.search(r"Perhaps you meant:\s+(--[\w-]+)", box.replace("│", ""))

@@ -42,13 +42,12 @@ class Train:
 
     def run(self) -> None:
         """Train with a progress display, then say what came of it."""
-        changed = dict(self._changed())
         if self.resume is not None:
-            go_on(self._resumed(changed))
+            go_on(self.resume)
         else:
             from robosim.learning.config import run_config
 
-            config = run_config(self.technique, **changed)
+            config = run_config(self.technique, **dict(self._changed()))
             begin(config, self.out or _run_folder(config))
 
     def _changed(self) -> Iterator[tuple[str, Any]]:
@@ -61,27 +60,16 @@ class Train:
                     if value != one.default:
                         yield one.name, value
 
-    def _resumed(self, changed: dict[str, Any]) -> Path:
-        others = [
-            *changed,
-            *(name for name in ("technique", "out") if getattr(self, name) != getattr(Train, name)),
-        ]
-        if others or self.resume is None:
-            raise InputError(
-                f"--resume goes on with a run as it was configured: {_flag(others[0])} "
-                "cannot be given with it."
-            )
-        return self.resume
-
 
 def train_command(arguments: Sequence[str]) -> type[Train]:
     """Return `Train` with the options that there are for the technique that the command line names.
 
     A group each for environment, algorithm, schedule and run, made of the fields of `RunConfig`. InputError
-    for a technique that there is not, and for an option of another technique's algorithm.
+    for a technique that there is not, an option of another technique's algorithm, and any beside `--resume`.
     """
     from robosim.learning.config import run_config
 
+    _refuse_options_beside_resume(arguments)
     technique = _value_of("--technique", arguments) or Train.technique
     config = run_config(technique)
     _refuse_options_of_others(config, technique, arguments)
@@ -106,6 +94,16 @@ def train_command(arguments: Sequence[str]) -> type[Train]:
     )
 
 
+def _refuse_options_beside_resume(arguments: Sequence[str]) -> None:
+    """Raise InputError for them: also those that are what a technique sets, for the run may differ."""
+    flags = [argument.partition("=")[0] for argument in arguments if argument.startswith("--")]
+    others = [flag for flag in flags if flag not in {"--resume", "--help"}]
+    if "--resume" in flags and others:
+        raise InputError(
+            f"--resume goes on with a run as it was configured: {others[0]} cannot be given with it."
+        )
+
+
 def _refuse_options_of_others(config: RunConfig, technique: str, arguments: Sequence[str]) -> None:
     """Raise InputError for an option that only other algorithms have."""
     from robosim.learning.algorithms.registry import algorithm_names, find_algorithm
@@ -113,7 +111,7 @@ def _refuse_options_of_others(config: RunConfig, technique: str, arguments: Sequ
     own = {*config.own_options(), *(one.name for one in dataclasses.fields(Train)), "help", "debug"}
     strange = {_name(argument) for argument in arguments if argument.startswith("--")} - own
     for other in algorithm_names() if strange else ():
-        found = sorted(strange & find_algorithm(other).model_fields.keys())
+        found = sorted(strange & find_algorithm(other).model_fields.keys() - {"name"})
         if found:
             raise InputError(
                 f"{_flag(found[0])} is an option of the algorithm {other}: technique {technique} learns by "
@@ -151,7 +149,7 @@ def _shown(config: RunConfig, folder: Path, work: Callable[[Report], TrainResult
         if (folder / CONFIG_FILE).exists():
             print(f"Stopped; go on with: robosim train --resume {shlex.quote(str(folder))}")
         raise
-    print(f"{steps} joint decisions in {result.wall_time:.0f} s; run folder {folder}")
+    print(f"{result.steps} joint decisions in {result.wall_time:.0f} s; run folder {folder}")
     if result.evaluation is not None:
         from robosim.cli.evaluate import summary
 

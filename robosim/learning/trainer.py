@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import platform
 import time
 from collections.abc import Callable
@@ -42,6 +43,8 @@ class TrainResult:
     """What a finished run leaves."""
 
     folder: Path
+    steps: int
+    """Joint decisions taken."""
     wall_time: float
     """Time spent learning, all parts of an interrupted run together, s."""
     evaluation: Evaluation | None
@@ -87,7 +90,7 @@ def _self_contained(config: RunConfig) -> RunConfig:
     arena, start = config.env.arena, config.schedule.start_from
     if arena not in arena_names():
         config = config.with_options(arena=load_arena(arena).text)
-    if start and start not in policy_names():
+    if start not in policy_names() and os.path.isdir(start):  # noqa: PTH112 - a name may be too long
         config = config.with_options(start_from=str(Path(start).absolute()))
     return config
 
@@ -96,7 +99,9 @@ def finished_result(folder: Path) -> TrainResult | None:
     """Return what a finished run has left; None where there is no run, or one that is not finished."""
     run_folder = RunFolder(folder)
     finished = run_folder.finished()
-    return TrainResult(folder, finished.wall_time, run_folder.evaluation()) if finished else None
+    return (
+        TrainResult(folder, finished.steps, finished.wall_time, run_folder.evaluation()) if finished else None
+    )
 
 
 def _latest(config: RunConfig, checkpoints: Path, warn: Warn) -> tuple[Training, float]:
@@ -151,7 +156,7 @@ class _Run:
             save_policy(folder.policy, weights, card.changed(evaluation=evaluation))
             folder.write_evaluation(evaluation)
         folder.finish(Finished(training.step, self._wall_time))
-        return TrainResult(folder.path, self._wall_time, evaluation)
+        return TrainResult(folder.path, training.step, self._wall_time, evaluation)
 
     def _learn(self) -> None:
         training, config = self._training, self._training.config

@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -9,9 +10,14 @@ from robosim.cli.main import exit_code
 from robosim.errors import InputError
 
 
-def run_robosim(*arguments: str) -> subprocess.CompletedProcess[str]:
+def run_robosim(*arguments: str, encoding: str = "utf-8") -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "robosim", *arguments], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-m", "robosim", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        env=os.environ | {"PYTHONIOENCODING": encoding},
     )
 
 
@@ -55,8 +61,9 @@ def test_wrong_usage_exits_with_2(arguments: list[str]) -> None:
         (["train", "--seed", "x"], "Error parsing --seed: invalid literal for int() with base 10: 'x'; see"),
     ],
 )
-def test_wrong_usage_is_one_sentence(arguments: list[str], sentence: str) -> None:
-    assert run_robosim(*arguments).stderr.startswith(f"robosim: {sentence}")
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_wrong_usage_is_one_sentence(arguments: list[str], sentence: str, encoding: str) -> None:
+    assert run_robosim(*arguments, encoding=encoding).stderr.startswith(f"robosim: {sentence}")
 
 
 def test_wrong_input_is_one_sentence_and_exit_2() -> None:

@@ -1,3 +1,4 @@
+import pytest
 from rerun.chunk import RrdReader
 
 from robosim.cli.main import main
@@ -27,10 +28,42 @@ def test_resume_takes_no_other_options_and_needs_a_run(tmp_path, capsys):
     assert capsys.readouterr().err == (
         "robosim: --resume goes on with a run as it was configured: --robots cannot be given with it.\n"
     )
+    # Also what is the default: the run may have been configured otherwise.
+    for option in (["--steps", "30000"], ["--no-curriculum"], ["--technique=ps-dqn"]):
+        assert main(["train", *option, f"--resume={tmp_path}"]) == 2
+        assert capsys.readouterr().err == (
+            "robosim: --resume goes on with a run as it was configured: "
+            f"{option[0].partition('=')[0]} cannot be given with it.\n"
+        )
     assert main(["train", "--resume", str(tmp_path)]) == 2
     assert capsys.readouterr().err == (
         f"robosim: {tmp_path}: no run to resume: there is no config.toml in it.\n"
     )
+
+
+def test_it_says_how_many_decisions_were_taken_and_not_how_many_were_asked_for(tmp_path, capsys):
+    options = ["--steps", "9", "--evaluation-episodes", "0"]
+    assert main(["train", "--out", str(tmp_path / "run"), *TINY, *options]) == 0
+    assert "\n10 joint decisions in " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (
+            ["--technique=ia2c", "--epsilon-start", "0.1"],
+            "--epsilon-start is an option of the algorithm dqn: technique ia2c learns by ia2c.",
+        ),
+        (["--name", "ia2c"], "Unrecognized options: --name, ia2c; see robosim --help."),
+        (
+            ["--technique", "a", "--technique", "iql+gss"],
+            'unknown technique "iql+gss": did you mean iql+gs or iql+s or iql+g?',
+        ),
+    ],
+)
+def test_an_option_that_there_is_not_is_a_sentence(options, sentence, capsys):
+    assert main(["train", *options]) == 2
+    assert capsys.readouterr().err == f"robosim: {sentence}\n"
 
 
 def test_a_policy_to_start_from_must_exist_and_fit(tmp_path, capsys):
