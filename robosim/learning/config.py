@@ -132,7 +132,8 @@ def read_config(path: Path) -> RunConfig:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
+        # Besides wrong syntax: bytes that are no text, numbers and nesting beyond what Python reads.
         raise InputError(f"{path}: not a TOML file ({error}).") from error
     for name, table in tables.items():
         if name not in RunConfig.model_fields:

@@ -76,6 +76,15 @@ def test_wrong_file_is_one_sentence(tmp_path, text, sentence):
     assert str(caught.value).removeprefix(f"{path}: ") == sentence
 
 
+@pytest.mark.parametrize("text", [f"[run]\nseed = 1{'0' * 5000}", f"run = {'[' * 5000}"])
+def test_what_python_cannot_read_of_a_file_is_one_sentence(tmp_path, text):
+    """Numbers of thousands of digits, and thousands of brackets: the words are Python's."""
+    path = tmp_path / "config.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"^[^\n]*config.toml: not a TOML file \(.+\)\.$"):
+        read_config(path)
+
+
 def test_missing_keys_take_their_defaults(tmp_path):
     path = tmp_path / "config.toml"
     path.write_text("[env]\nrobots = 5\n[env.pheromone]\nradius = 1")
