@@ -68,15 +68,15 @@ def _row(group: list[str], settings: Settings) -> str:
     team = make_controller(group[0])
     if not isinstance(team, LearnedController):
         raise SystemExit(f"{group[0]} is a scripted controller: give trained policies.")
-    env, arena = team.policy.card.env, team.policy.card.arena.name
+    env = team.policy.card.env
     name = Path(_training(group[0])).name + (f", {len(group)} seeds" if len(group) > 1 else "")
     cells = [name, str(env.robots), env.world]
     for world in WORLD_KINDS:
-        brought = [pellets(policy, arena, env.robots, world, settings) for policy in group]
-        reference = pellets("lanes", arena, env.robots, world, settings)
+        brought = [pellets(policy, env.arena, env.robots, world, settings) for policy in group]
+        reference = pellets("lanes", env.arena, env.robots, world, settings)
         spread = f" ± {statistics.stdev(brought):.1f}" if len(brought) > 1 else ""
         mean = statistics.mean(brought)
-        cells += [f"{mean:.1f}{spread}", f"{100 * mean / reference:.0f} %"]
+        cells += [f"{mean:.1f}{spread}", f"{100 * mean / reference:.0f} %" if reference else "-"]
     return f"| {' | '.join(cells)} |"
 
 

@@ -54,13 +54,13 @@ def read_results(path: Path) -> dict[str, Result]:
     for number, line in enumerate(lines, 1):
         try:
             result = _result(**json.loads(line))
+            results[result.key] = result
         except json.JSONDecodeError as error:
             if _is_cut(line):
                 continue
             raise InputError(f"{path}: line {number} is no result ({error}).") from None
-        except (TypeError, ValueError, AttributeError) as error:
+        except (TypeError, ValueError, AttributeError, RecursionError) as error:
             raise InputError(f"{path}: line {number} is no result ({error}).") from None
-        results[result.key] = result
     return results
 
 

@@ -46,7 +46,15 @@ def test_a_line_cut_short_counts_for_nothing(tmp_path_factory, end):
 
 
 @pytest.mark.parametrize(
-    "line", ['{"key": "k", "config": }', '{"key": "k"}', "[1]", '{"key": "k", "colour": 1}']
+    "line",
+    [
+        '{"key": "k", "config": }',
+        '{"key": "k"}',
+        "[1]",
+        '{"key": "k", "colour": 1}',
+        '{"key": ["k"], "config": {}, "figures": {}, "wall_time": 1, "machine": {}}',
+        "[" * 5000,
+    ],
 )
 def test_a_line_that_is_no_result_is_a_sentence(tmp_path, line):
     path = tmp_path / "results.jsonl"
