@@ -9,7 +9,7 @@ TINY = [
 ]  # fmt: skip
 
 
-def test_a_run_records_playbacks_on_the_way(tmp_path, capsys):
+def test_a_run_records_playbacks_while_it_learns(tmp_path, capsys):
     folder = tmp_path / "run"
     options = ["--record-every", "120", "--record-steps", "20", "--technique", "smadrl", "--robots", "3"]
     assert main(["train", "--out", str(folder), *TINY, *options]) == 0

@@ -15,7 +15,7 @@ LENGTH = 6
 class Corridor:
     """Robots fetch at the east end (reward 1) and deliver at the west end (reward 1), as often as they can.
 
-    Cells 0 to LENGTH - 1; action 3 walks east, 2 west, the others stand still. Nobody is in anybody's way,
+    Cells 0 to LENGTH - 1; action 3 walks east, 2 west, the others stand still. Nobody blocks anybody,
     so the best is one delivery in 2 * (LENGTH - 1) decisions for each robot.
     """
 

@@ -162,7 +162,7 @@ def slow_run(tmp_path_factory):
 
 
 def interrupted(folder):
-    """Leave a run with a checkpoint behind, half way to its end."""
+    """Leave a run with a checkpoint behind, in the middle."""
 
     def stop(controller, env, path):
         raise KeyboardInterrupt

@@ -370,7 +370,7 @@ def test_acting_beside_learning_changes_no_bit(tmp_path):
     assert weights(tmp_path / "one") == weights(tmp_path / "two")
 
 
-def test_playbacks_are_recorded_on_the_way_and_change_nothing(tmp_path):
+def test_playbacks_are_recorded_while_it_learns_and_change_nothing(tmp_path):
     seen = []
 
     def record(controller, env, path):
