@@ -69,7 +69,8 @@ def _row(group: list[str], settings: Settings) -> str:
     if not isinstance(team, LearnedController):
         raise SystemExit(f"{group[0]} is a scripted controller: give trained policies.")
     env = team.policy.card.env
-    name = Path(_training(group[0])).name + (f", {len(group)} seeds" if len(group) > 1 else "")
+    one = Path(group[0]).name
+    name = one if len(group) == 1 else f"{_training(group[0]).rpartition('/')[2]}, {len(group)} seeds"
     cells = [name, str(env.robots), env.world]
     for world in WORLD_KINDS:
         brought = [pellets(policy, env.arena, env.robots, world, settings) for policy in group]
