@@ -62,6 +62,8 @@ def long(config, folder):
 if __name__ == "__main__":
     from tests.experiments import cheap
 
+    # Whoever runs the tests in the background may have let Ctrl-C be ignored, which processes inherit.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     root = Path(sys.argv[1])
     jobs = [Job({"x": x}) for x in range(4)]
     summary = run_local(jobs, cheap.long, root, root / "results.jsonl", workers=2)
