@@ -31,7 +31,7 @@ def arena_or_none(text: str) -> Arena | None:
 
 @st.composite
 def maps(draw: st.DrawFn) -> str:
-    """A closed map with a home room and a source room; most have a way between them."""
+    """A closed map with a home room and a source room; most have a path between them."""
     columns, rows = draw(st.integers(6, 14)), draw(st.integers(3, 8))
     grid = [[draw(st.sampled_from("..T#")) for _ in range(columns)] for _ in range(rows)]
     width, height = draw(st.integers(1, 3)), draw(st.integers(1, rows))

@@ -178,7 +178,7 @@ def test_of_four_that_want_one_cell_each_gets_it_as_often() -> None:
     assert (there.sum(axis=1) == 1).all()
     print("wins of each robot:", there.sum(axis=0))
     assert there.mean(axis=0) == pytest.approx([0.25] * 4, abs=0.02)
-    # Who is refused has touched the one that got there, and not the other way round.
+    # Who is refused has touched the one that got there, and not the reverse.
     assert_array_equal(bench.state.touched[0], ~there)
     winner = there.argmax(axis=1)
     contacts = bench.world.contacts

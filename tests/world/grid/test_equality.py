@@ -34,7 +34,7 @@ def compare(world: GridWorld, plains: list[PlainGrid]) -> None:
             found = getattr(world.state, name)
             found = found[:, env] if name == "touched" else found[env]
             if name == "velocity":
-                # Half a turn may be counted either way round.
+                # Half a turn may be counted with either sign.
                 half = np.abs(np.abs(found[:, 2]) * plain.arena.timing.decision_period - np.pi) < 1e-9
                 expected = np.where(half[:, None] & (np.arange(3) == 2), found, expected)
             if name in MEASURES:
