@@ -38,20 +38,21 @@ class Bench:
             "python": platform.python_version(),
             "cases": _measure_decisions(self.decisions),
             "worlds": _compare_worlds(self.decisions),
-            "learner": _measure_updates(self.updates) if _is_installed("torch") else None,
+            "learner": measure_learner(self.updates),
         }
         if self.json is not None:
             write_whole(self.json, json.dumps(record, indent=2) + "\n")
             print(f"written: {self.json}")
 
 
-def _is_installed(module: str) -> bool:
+def measure_learner(updates: int) -> dict[str, Any] | None:
+    """Measure updates and print their table; None, and a line that says so, without torch."""
     from importlib.util import find_spec
 
-    there = find_spec(module) is not None
-    if not there:
-        print(f"learner: not measured, since {module} is not installed (extra `train`)")
-    return there
+    if find_spec("torch") is None:
+        print("learner: not measured, since torch is not installed (extra `train`)")
+        return None
+    return _measure_updates(updates)
 
 
 def _measure_decisions(decisions: int) -> list[dict[str, Any]]:

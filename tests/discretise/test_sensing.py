@@ -41,7 +41,7 @@ class Astray(Copies):
         )
 
 
-def along_a_run(sensor, decisions: int = 250):
+def along_a_run(sensor, decisions: int = 120):
     """Yield an environment and a Dec-POMDP of `sensor` that follows its worlds, after each decision."""
     env = VectorEnv("paper", robots=6, num_envs=2, seed=3, autoreset=False)
     other = DecPomdp(env.world, LAYOUT, RewardConfig(), PheromoneConfig(), sensor)
@@ -82,7 +82,7 @@ def test_a_sensor_that_errs_changes_observations_and_pheromones_but_neither_rewa
         assert (other.collisions == 0).all()
         paid += float(transition.reward.sum())
         collided += float(transition.collided.sum())
-    assert paid > 100.0
+    assert paid > 50.0
     assert collided > 10
     assert (other.pheromone.occupancy != env.dec_pomdp.pheromone.occupancy).any()
 
