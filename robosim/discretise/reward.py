@@ -11,7 +11,6 @@ from pydantic import Field
 from robosim.records import Record
 
 RewardKind = Literal["local", "global"]
-REWARD_KINDS: tuple[RewardKind, ...] = ("local", "global")
 Sharing = Literal["copied", "split"]
 
 _LARGEST = 1e6

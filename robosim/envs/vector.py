@@ -63,6 +63,15 @@ class Snapshot:
     actions: NDArray[np.uint8]
     """[decisions, envs, robots]."""
 
+    def require_size(self, num_envs: int, robots: int) -> None:
+        """Raise InputError unless it is a moment of so many environments with so many robots."""
+        held = self.actions.shape[1:]
+        if held != (num_envs, robots):
+            raise InputError(
+                f"snapshot: it holds [envs, robots] = {list(held)}, "
+                f"this environment has [{num_envs}, {robots}]."
+            )
+
 
 class VectorEnv:
     """Several copies of one arena with a team of robots each, stepped together.
@@ -225,11 +234,7 @@ class VectorEnv:
 
         Raises InputError for a snapshot of another batch size, or longer than an episode.
         """
-        if snapshot.actions.shape[1:] != (self.num_envs, self.robots):
-            raise InputError(
-                f"snapshot: it holds [envs, robots] = {list(snapshot.actions.shape[1:])}, "
-                f"this environment has [{self.num_envs}, {self.robots}]."
-            )
+        snapshot.require_size(self.num_envs, self.robots)
         if len(snapshot.actions) > self.episode_steps:
             raise InputError(
                 f"snapshot: it holds {len(snapshot.actions)} decisions, "

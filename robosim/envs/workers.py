@@ -130,11 +130,7 @@ class WorkerVectorEnv:
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Return to a moment, exact to the last bit; returns the observations [envs, robots, size]."""
-        if snapshot.actions.shape[1:] != (self.num_envs, self.robots):
-            raise InputError(
-                f"snapshot: it holds [envs, robots] = {list(snapshot.actions.shape[1:])}, "
-                f"this environment has [{self.num_envs}, {self.robots}]."
-            )
+        snapshot.require_size(self.num_envs, self.robots)
         for worker, share in enumerate(self._shares):
             part = Snapshot(snapshot.seeds[share], snapshot.episode, snapshot.actions[:, share])
             self._send(worker, ("restore", part))

@@ -113,16 +113,16 @@ class Training:
         if number or self.step:
             self.close()
         self.env = training_env(config, self.seed(env_seed), stage.robots)
+        task = task_of(self.env, stage, budget)
         frozen, start, team = None, None, self._team
         if stage.frozen and team is not None:
-            frozen = FrozenTeam(team, task_of(self.env, stage, budget).gains)
+            frozen = FrozenTeam(team, task.gains)
             if not stage.explores:
                 # A newcomer that copies takes after the robot before it.
                 start = robots_of(team, stage.frozen - 1, stage.frozen)
         elif team is not None:
             start = team if self.algorithm_config.shares_parameters else expanded(team)
         seed = np.random.SeedSequence(config.run.seed, spawn_key=(learner_seed,))
-        task = task_of(self.env, stage, budget)
         self.algorithm = self.algorithm_config.build(task, seed, start)
         self._saved = []
         self.log.begin_stage()
