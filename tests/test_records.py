@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
+from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import RewardConfig
 from robosim.envs.config import EnvConfig, env_config
 from robosim.errors import InputError, shown
@@ -95,7 +96,8 @@ def test_with_options_changes_what_it_names_and_nothing_else() -> None:
 
 def test_every_option_of_an_environment_has_a_short_name_of_its_own_and_says_what_it_is() -> None:
     options = EnvConfig.options()
-    fields = len(EnvConfig.model_fields) - 2 + len(RewardConfig.model_fields) + 5
+    tables = (RewardConfig, PheromoneConfig)
+    fields = len(EnvConfig.model_fields) + sum(len(table.model_fields) - 1 for table in tables)
     assert len(options) == fields
     assert {"reward", "sharing", "signed_distance", "pheromone_decay", "reward_pickup"} <= options.keys()
     assert all(option.help for option in options.values())

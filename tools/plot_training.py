@@ -52,7 +52,7 @@ def main() -> None:
     figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
     for run in options.runs:
         config, rows = read_config(run / CONFIG_FILE), read_metrics(run / METRICS_FILE)
-        label = f"{config.technique}, {config.robots} robots, seed {config.seed}"
+        label = f"{config.run.technique}, {config.env.robots} robots, seed {config.run.seed}"
         (line,) = axes.plot(*curve(rows), label=label, linewidth=1.5)
         begins = [row.step for before, row in pairwise(rows) if row.stage != before.stage]
         if begins:

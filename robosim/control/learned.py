@@ -55,6 +55,7 @@ def _facts(policy: Policy, env: VectorEnv) -> Iterator[tuple[str, object, object
     yield "actions", card.env.actions, config.actions
     yield "number of actions", card.network.actions, env.num_actions
     yield "observation encoding", card.env.encoding, config.encoding
+    yield "free neighbours", card.env.neighbours, config.neighbours
     yield "stigmergy", card.env.stigmergy, config.stigmergy
     if card.env.stigmergy:
         for field, value in card.env.pheromone.model_dump().items():

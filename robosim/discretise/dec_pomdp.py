@@ -126,8 +126,9 @@ class DecPomdp:
     def observe(self) -> NDArray[np.float32]:
         """Return the observations [envs, robots, size] in a fresh array."""
         seen, percept = self._seen, self._percept
-        out = np.empty((*seen.cell.shape, self.layout.size), dtype=np.float32)
-        expanded = self.layout.encoding == "expanded"
+        layout = self.layout
+        out = np.empty((*seen.cell.shape, layout.size), dtype=np.float32)
+        expanded = layout.encoding == "expanded"
         own = OwnState(
             mode=self.shown_mode,
             laden=percept.laden,
@@ -137,14 +138,15 @@ class DecPomdp:
             previous_action=self.previous_action,
             collisions=self.collisions,
             distances=seen.distances * self._per_farthest,
-            free_neighbours=self.grid.free_neighbours(seen.cell) if expanded else None,
+            free_neighbours=self.grid.free_neighbours(seen.cell) if expanded and layout.neighbours else None,
             in_place=self.in_place,
             gain=self._gains.take(seen.cell, axis=0) if expanded else None,
             pellet=self._pellet_in_sight() if expanded else None,
         )
-        end = write_own_state(self.layout, own, out)
-        if self.layout.stigmergy:
-            self.pheromone.read(seen.cell, out[..., end:-1])
+        end = write_own_state(layout, own, out)
+        if layout.patch:
+            self.pheromone.read(seen.cell, out[..., end : end + self.pheromone.patch_size])
+        if layout.density:
             density = self.density if seen is self._true else self.grid.tunnel_density(seen.cell)
             np.minimum(density, 1.0, out=out[..., -1].T)
         return out

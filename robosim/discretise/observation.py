@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from robosim.discretise.cells import NEIGHBOURS
 from robosim.discretise.modes import Mode
-from robosim.discretise.pheromone import CHANNELS
+from robosim.discretise.pheromone import CHANNELS, Seen
 from robosim.robot.drivers import ACTION_NAMES, NUM_ACTIONS, ActionKind
 
 Encoding = Literal["paper", "expanded"]
@@ -35,6 +35,20 @@ class ObservationLayout:
     actions: ActionKind
     radius: int
     """Field of view of the pheromone patch, cells; without meaning when `stigmergy` is off."""
+    seen: Seen = "all"
+    """What of the pheromone map is in it; without meaning when `stigmergy` is off."""
+    neighbours: bool = True
+    """Whether the expanded encoding says which neighbouring cells are free."""
+
+    @property
+    def patch(self) -> bool:
+        """Whether the pheromones of the cells around the robot are in it."""
+        return self.stigmergy and self.seen != "density"
+
+    @property
+    def density(self) -> bool:
+        """Whether the tunnel density is in it, as its last number."""
+        return self.stigmergy and self.seen != "patch"
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -49,11 +63,11 @@ class ObservationLayout:
         own += ["distance to home", "distance to source"]
         if self.encoding == "expanded":
             own += ["offset in cell x", "offset in cell y", "laden"]
-            own += [f"free {side}" for side in _COMPASS]
+            own += [f"free {side}" for side in _COMPASS if self.neighbours]
             own += [f"gain home {side}" for side in _COMPASS[:4]]
             own += [f"gain source {side}" for side in _COMPASS[:4]]
             own += ["pellet seen", "pellet x", "pellet y", "in place"]
-        if self.stigmergy:
+        if self.patch:
             side = range(-self.radius, self.radius + 1)
             own += [
                 f"{channel} ({column:+d}, {row:+d})"
@@ -61,6 +75,7 @@ class ObservationLayout:
                 for row in reversed(side)
                 for column in side
             ]
+        if self.density:
             own += ["tunnel density"]
         return tuple(own)
 
@@ -146,7 +161,7 @@ class OwnState:
     in_place: NDArray[np.int64]
     """Decisions without displacement."""
     free_neighbours: NDArray[np.bool_] | None
-    """[envs, robots, 8] neither wall nor robot; only the expanded encoding needs it."""
+    """[envs, robots, 8] neither wall nor robot; only an expanded encoding with `neighbours` needs it."""
     gain: NDArray[np.float64] | None
     """[envs, robots, 8] how much nearer the cells to N, S, W and E are to home, and then to the source, in
     cells, -1 for walls; only the expanded encoding needs it."""
@@ -182,8 +197,10 @@ def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.fl
     out[..., 17:19] = own.distances
     out[..., 19:21] = own.offset
     out[..., 21] = own.laden
-    end = 22 + len(NEIGHBOURS)
-    out[..., 22:end] = own.free_neighbours
+    end = 22
+    if layout.neighbours:
+        end += len(NEIGHBOURS)
+        out[..., 22:end] = own.free_neighbours
     out[..., end : end + 8] = own.gain
     out[..., end + 8 : end + 11] = own.pellet
     out[..., end + 11] = own.in_place % IN_PLACE_CYCLE * (1.0 / IN_PLACE_CYCLE)

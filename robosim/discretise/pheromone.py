@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -11,6 +13,8 @@ from robosim.records import Record
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+Seen = Literal["all", "patch", "density"]
 
 CHANNELS = ("occupancy", "mode", "laden", "action")
 # From 1 over the number of kinds up to 1, so that no mark looks like none.
@@ -38,6 +42,8 @@ class PheromoneConfig(Record):
     """The share of the difference that flows between neighbouring cells in a decision."""
     radius: int = Field(default=2, ge=0, le=LARGEST_RADIUS)
     """Field of view: a robot reads the cells up to this many rows and columns away."""
+    seen: Seen = "all"
+    """What robots with stigmergy see: the cells around them and the tunnel density, or one of the two."""
 
     @property
     def saturation(self) -> float:

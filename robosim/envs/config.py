@@ -40,6 +40,9 @@ class EnvConfig(Record):
     """What the five actions are: toward the neighbouring cell, or wheel speeds."""
     encoding: Encoding = "expanded"
     """How observations are written: the paper's eight numbers, or one-hot codes and more."""
+    neighbours: bool = True
+    """Whether the expanded encoding says which of the eight neighbouring cells are free: without it robots
+    know of each other by pheromones alone."""
     stigmergy: bool = True
     """Whether robots see the pheromone map around them."""
     pheromone: PheromoneConfig = PheromoneConfig()
@@ -54,7 +57,10 @@ class EnvConfig(Record):
     @property
     def layout(self) -> ObservationLayout:
         """Which number stands where in an observation."""
-        return ObservationLayout(self.encoding, self.stigmergy, self.actions, self.pheromone.radius)
+        pheromone = self.pheromone
+        return ObservationLayout(
+            self.encoding, self.stigmergy, self.actions, pheromone.radius, pheromone.seen, self.neighbours
+        )
 
 
 def env_config(base: EnvConfig | Arena | str | Path | None = None, **fields: Any) -> tuple[EnvConfig, Arena]:

@@ -26,6 +26,8 @@ class Technique:
         return Technique(name, self.algorithm, {**self.options, **options})
 
 
+_TEAM = {"reward": "global", "sharing": "split"}
+"""Each robot is paid an equal part of what the team brings: the paper's reading by which teams learn."""
 _LOCAL = {"reward": "local", "signed_distance": True}
 """Each robot is paid for what it does itself, and losing ground costs what gaining it pays."""
 
@@ -49,15 +51,30 @@ def find_technique(name: str) -> Technique:
 
 _SHIPPED = (
     Technique("iql", "dqn", {"reward": "local", "stigmergy": False}, "The paper's IQL."),
-    Technique("iql+g", "dqn", {"reward": "global", "stigmergy": False}, "The paper's IQL+G."),
-    Technique("iql+gs", "dqn", {"reward": "global", "stigmergy": True}, "The paper's IQL+GS."),
+    Technique("iql+g", "dqn", {**_TEAM, "stigmergy": False}, "The paper's IQL+G."),
+    Technique("iql+gs", "dqn", {**_TEAM, "stigmergy": True}, "The paper's IQL+GS."),
     Technique(
         "smadrl",
         "dqn",
-        {"reward": "global", "stigmergy": True, "curriculum": True},
+        {**_TEAM, "stigmergy": True, "curriculum": True},
         "The paper's S-MADRL, IQL+GSC in its tables.",
     ),
     Technique("ia2c", "ia2c", {"reward": "local", "stigmergy": False}, "The paper's I-A2C."),
+    Technique(
+        "smadrl+",
+        "dqn",
+        {
+            **_TEAM,
+            "signed_distance": True,
+            "idle_cost": True,
+            "stigmergy": True,
+            "normalisation": "rms",
+            "mask": True,
+            "curriculum": True,
+            "fine_tune": 0.5,
+        },
+        "Ours: the paper's four ideas (own networks, stigmergy, team reward, curriculum) with our learner.",
+    ),
     # Ours: without the noise of what others earn, and with no pay for going to and fro.
     Technique("iql+s", "dqn", {**_LOCAL, "stigmergy": True}, "Ours: own rewards, signed."),
     Technique(

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -11,7 +13,7 @@ from robosim.discretise.observation import (
     blocked_moves,
     gain_columns,
 )
-from robosim.discretise.pheromone import PheromoneConfig
+from robosim.discretise.pheromone import CHANNELS, PheromoneConfig
 from robosim.envs.vector import VectorEnv
 from robosim.robot.drivers import ACTION_KINDS, ActionKind
 from tests.discretise.recorded import RUNS, TINY, recorded
@@ -76,16 +78,32 @@ def test_every_number_changes(runs: list[str]) -> None:
     assert [name for name in constant if not name.startswith("laden (")] == []
 
 
-def test_without_stigmergy_everything_else_is_the_same() -> None:
-    envs = [VectorEnv("paper", robots=4, stigmergy=stigmergy) for stigmergy in (True, False)]
-    own = envs[1].layout.size
-    assert_array_equal(envs[0].reset(1)[..., :own], envs[1].reset(1))
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize(
+    ("options", "left_out"),
+    [
+        ({"stigmergy": False}, (*CHANNELS, "tunnel density")),
+        ({"pheromone_seen": "patch"}, ("tunnel density",)),
+        ({"pheromone_seen": "density"}, CHANNELS),
+        ({"neighbours": False}, ("free ",)),
+        ({"neighbours": False, "pheromone_seen": "density"}, ("free ", *CHANNELS)),
+    ],
+)
+def test_what_is_not_seen_leaves_everything_else_the_same(
+    encoding: Encoding, options: dict[str, Any], left_out: tuple[str, ...]
+) -> None:
+    whole = VectorEnv("paper", robots=4, encoding=encoding)
+    part = VectorEnv("paper", robots=4, encoding=encoding, **options)
+    starts = tuple(f"{name} (" if name in CHANNELS else name for name in left_out)
+    kept = [place for place, name in enumerate(whole.layout.names) if not name.startswith(starts)]
+    assert part.layout.names == tuple(whole.layout.names[place] for place in kept)
+    assert_array_equal(whole.reset(1)[..., kept], part.reset(1))
     rng = np.random.default_rng(0)
-    for _ in range(50):
+    for _ in range(30):
         actions = rng.integers(0, 5, (1, 4))
-        with_patch, without = (env.step(actions) for env in envs)
-        assert_array_equal(with_patch.observation[..., :own], without.observation)
-        assert_array_equal(with_patch.reward, without.reward)
+        all_of_it, some = whole.step(actions), part.step(actions)
+        assert_array_equal(all_of_it.observation[..., kept], some.observation)
+        assert_array_equal(all_of_it.reward, some.reward)
 
 
 def test_a_field_of_view_larger_than_the_map_reads_nothing_outside_of_it() -> None:

@@ -151,6 +151,7 @@ def test_techniques_are_what_the_paper_and_we_say():
         "iql+g": ("dqn", "global", False, False, False, False, "own", False),
         "iql+gs": ("dqn", "global", False, False, True, False, "own", False),
         "smadrl": ("dqn", "global", False, False, True, True, "own", False),
+        "smadrl+": ("dqn", "global", True, True, True, True, "own", True),
         "ia2c": ("ia2c", "local", False, False, False, False, "own", False),
         "iql+s": ("dqn", "local", True, False, True, False, "own", False),
         "iql+sc": ("dqn", "local", True, False, True, True, "own", False),
@@ -159,7 +160,9 @@ def test_techniques_are_what_the_paper_and_we_say():
     }
     assert [
         name for name in TECHNIQUES if getattr(run_config(name).algorithm, "normalisation", "") == "rms"
-    ] == ["ps-dqn"]
+    ] == ["smadrl+", "ps-dqn"]
+    team = {name for name in TECHNIQUES if run_config(name).env.reward.kind == "global"}
+    assert {run_config(name).env.reward.sharing for name in team} == {"split"}
     assert find_technique("iql+gsc").name == "smadrl"
 
 
