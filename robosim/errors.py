@@ -1,4 +1,4 @@
-"""The one error that a user can cause and can mend."""
+"""Errors that users meet as one sentence: wrong input, and work of which a part could not be done."""
 
 from __future__ import annotations
 
@@ -13,6 +13,13 @@ class InputError(ValueError):
     """Wrong input: one sentence that names the place, the value and what is allowed.
 
     The command line prints the sentence and exits with code 2.
+    """
+
+
+class IncompleteError(Exception):
+    """Some of the work that was asked for could not be done, and has been reported; the rest is done.
+
+    The command line prints the sentence and exits with code 1.
     """
 
 

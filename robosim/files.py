@@ -6,6 +6,7 @@ import contextlib
 import os
 import re
 import stat
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from robosim.errors import InputError
 
 _STRAY = re.compile(r"\.(?P<name>.+)\.\d+(-\d+)?\.(part|probe)")
 """`.NAME.PROCESS.part`, as `whole_file` calls what it writes; some put a time behind the process."""
+
+_LOOK_AGAIN = 0.1
+"""Time between two looks at a lock that another process holds, s."""
 
 
 @contextlib.contextmanager
@@ -86,10 +90,11 @@ def require_writable(path: str | Path) -> None:
 
 
 @contextlib.contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def alone_in(folder: Path, patience: float = 0.0) -> Iterator[None]:
     """Hold a folder for this process; the system lets go of it when the process ends, however it ends.
 
-    InputError when another process holds it. Where the system has no such locks, nothing is held.
+    InputError when another process holds it, and still does after `patience` (s). Where the system has no
+    such locks, nothing is held.
     """
     try:
         import fcntl
@@ -98,12 +103,18 @@ def alone_in(folder: Path) -> Iterator[None]:
         return
     handle = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(f"{folder}: another process is at work in this folder.") from None
-        except OSError:
-            pass  # Some file systems of networks have no locks; work must be possible there, too.
+        deadline = time.monotonic() + patience
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                if time.monotonic() >= deadline:
+                    raise InputError(f"{folder}: another process is at work in this folder.") from None
+                time.sleep(_LOOK_AGAIN)
+                continue
+            except OSError:
+                pass  # Some file systems of networks have no locks; work must be possible there, too.
+            break
         yield
     finally:
         os.close(handle)

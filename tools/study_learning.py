@@ -14,16 +14,19 @@ from __future__ import annotations
 import argparse
 import statistics
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from robosim.experiments.jobs import Job, Outcome
-from robosim.experiments.local import run_local
+from rich.console import Console
+
+from robosim.experiments.display import Display
+from robosim.experiments.jobs import Job
+from robosim.experiments.local import LocalEngine
 from robosim.experiments.results import Result
-from robosim.learning.config import DEFAULT_TECHNIQUE, RunConfig, run_config
-from robosim.learning.folder import CONFIG_FILE
-from robosim.learning.trainer import finished_result, resume, train
+from robosim.experiments.runner import run_jobs
+from robosim.experiments.team import Measuring, learning_job, work_off
+from robosim.learning.config import DEFAULT_TECHNIQUE, run_config
 
 Changes = dict[str, Any]
 
@@ -49,24 +52,6 @@ OURS: tuple[Changes, ...] = (
 )
 
 
-def learn(config: Mapping[str, Any], folder: Path) -> Outcome:
-    """Return the pellets in each episode of a team that is trained, from where an earlier call got to."""
-    run = folder / "run"
-    result = finished_result(run)
-    if result is None and (run / CONFIG_FILE).exists():
-        result = resume(run, lambda _: None)
-    if result is None:
-        result = train(RunConfig.from_table(config, "the job"), run, lambda _: None)
-    if result.evaluation is None:
-        raise ValueError("the study needs evaluation_episodes")
-    return Outcome({"pellets": [float(total) for total in result.evaluation.totals]}, result.wall_time)
-
-
-def job_of(config: RunConfig) -> Job:
-    """Return a configuration as a job."""
-    return Job(config.model_dump(mode="json"))
-
-
 def table(variants: Sequence[Changes], results: Sequence[Result | None]) -> Iterator[str]:
     """Yield the lines of the table, for results of all seeds of a variant after those of the one before."""
     yield "| changed | pellets in an episode | between seeds | worst seed |"
@@ -81,10 +66,6 @@ def table(variants: Sequence[Changes], results: Sequence[Result | None]) -> Iter
             continue
         spread = statistics.stdev(means) if len(means) > 1 else 0.0
         yield f"| {named} | {statistics.mean(means):.1f} | {spread:.1f} | {min(means):.1f} |"
-
-
-def show(ended: int, total: int) -> None:
-    print(f"{ended} of {total} runs", file=sys.stderr, flush=True)
 
 
 def main() -> None:
@@ -105,12 +86,16 @@ def main() -> None:
         "steps": options.steps,
     }
     variants = OPEN if options.study == "open" else OURS
-    jobs = [
-        job_of(run_config(**(base | {"seed": seed} | changes)))
-        for changes in variants
-        for seed in range(options.seeds)
-    ]
-    summary = run_local(jobs, learn, options.out, options.out / "results.jsonl", options.workers, show)
+    labels: dict[str, str] = {}
+    jobs: list[Job] = []
+    for changes in variants:
+        for seed in range(options.seeds):
+            jobs.append(learning_job(run_config(**(base | {"seed": seed} | changes)), Measuring()))
+            labels[jobs[-1].key] = f"{changes or 'nothing'} seed {seed}"
+    with Display(labels, jobs, Console(stderr=True)) as display:
+        summary = run_jobs(
+            jobs, work_off, options.out, options.out / "results.jsonl", LocalEngine(options.workers), display
+        )
     for line in table(variants, summary.results):
         print(line)
     for failure in summary.failures:

@@ -23,14 +23,15 @@ from robosim.cli.evaluate import Evaluate
 from robosim.cli.extras import missing_extra
 from robosim.cli.play import Play
 from robosim.cli.policy import Policy
+from robosim.cli.sweep import Sweep
 from robosim.cli.train import Train, train_command
-from robosim.errors import InputError
+from robosim.errors import IncompleteError, InputError
 
 DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play back.
 
 `--version` prints the version. `--debug` anywhere, or ROBOSIM_DEBUG=1, shows the traceback of a failure."""
 
-Subcommand = Demo | Arena | Train | Evaluate | Play | Policy | Bench
+Subcommand = Demo | Arena | Train | Evaluate | Sweep | Play | Policy | Bench
 """A parsed command line, ready to run."""
 
 
@@ -68,6 +69,9 @@ def exit_code(action: Callable[[], None], debug: bool) -> int:
         for sentence in str(error).splitlines():
             _complain(sentence)
         return 2
+    except IncompleteError as error:
+        _complain(str(error))
+        return 1
     except Exception as error:
         if debug:
             raise
@@ -110,6 +114,7 @@ def _subcommands(train: type[Train]) -> Any:
         "arena": Arena,
         "train": train,
         "evaluate": Evaluate,
+        "sweep": Sweep,
         "play": Play,
         "policy": Policy,
         "bench": Bench,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from robosim.files import alone_in, write_whole
 
 CONFIG_FILE = "config.json"
 WORK_FOLDER = "work"
+DIGITS = 6
+"""Significant digits of the numbers in a record."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +44,30 @@ class Outcome:
     figures: Mapping[str, Sequence[float]]
     """By name, one number for each episode."""
     wall_time: float
-    """Time spent on it, all parts of an interrupted job together, s."""
+    """Time spent learning, all parts of an interrupted job together, s."""
+    series: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    """By name, numbers of which there are not as many as episodes."""
+    evaluation_time: float = 0.0
+    """Time spent on the evaluation, s."""
 
 
-Work = Callable[[Mapping[str, Any], Path], Outcome]
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A job that did not end well."""
+
+    job: Job
+    reason: str
+    """A sentence, or a traceback."""
+
+
+Report = Callable[[float], None]
+"""Called with the share of a job that is done, 0 to 1."""
+Work = Callable[[Mapping[str, Any], Path, Report], Outcome]
 """Works off a configuration in a folder. Called again in the same folder it goes on, or finds its outcome."""
+
+
+def ignore(_done: float) -> None:
+    """Report nothing."""
 
 
 def canonical(config: Mapping[str, Any]) -> str:
@@ -58,15 +80,39 @@ def canonical(config: Mapping[str, Any]) -> str:
         ) from None
 
 
-def run_job(job: Job, work: Work, root: Path) -> Result:
+def run_job(job: Job, work: Work, root: Path, report: Report = ignore, patience: float = 0.0) -> Result:
     """Work a job off, or go on with it, in its folder below `root`, and return its record.
 
-    InputError when another process is at it.
+    InputError when another process is at it, and still is after `patience` (s).
     """
     folder = job.folder(root)
     (folder / WORK_FOLDER).mkdir(parents=True, exist_ok=True)
-    with alone_in(folder):
+    with alone_in(folder, patience):
         write_whole(folder / CONFIG_FILE, json.dumps(job.config, indent=2) + "\n")
-        outcome = work(job.config, folder / WORK_FOLDER)
-    figures = {name: tuple(map(float, values)) for name, values in outcome.figures.items()}
-    return Result(job.key, dict(job.config), figures, outcome.wall_time, this_machine())
+        outcome = work(job.config, folder / WORK_FOLDER, report)
+    return Result(
+        key=job.key,
+        config=dict(job.config),
+        figures=_rounded(outcome.figures),
+        series=_rounded(outcome.series),
+        wall_time=round(outcome.wall_time, 3),
+        evaluation_time=round(outcome.evaluation_time, 3),
+        machine=this_machine(),
+    )
+
+
+def attempt_job(
+    job: Job, work: Work, root: Path, report: Report = ignore, patience: float = 0.0
+) -> Result | Failure:
+    """Run a job as `run_job` does; whatever goes wrong is a failure, so that other jobs go on."""
+    try:
+        return run_job(job, work, root, report, patience)
+    except InputError as error:
+        return Failure(job, str(error))
+    except Exception:  # noqa: BLE001 - whatever it is, the other jobs go on
+        return Failure(job, traceback.format_exc())
+
+
+def _rounded(rows: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
+    """Return the numbers to as many digits as anybody reads: records are kept with the code."""
+    return {name: tuple(float(f"{float(value):.{DIGITS}g}") for value in row) for name, row in rows.items()}

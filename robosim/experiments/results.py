@@ -6,16 +6,19 @@ import json
 import platform
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from robosim.errors import InputError
 from robosim.files import append_line
 
 _TEXT = re.compile(r'"(?:[^"\\]|\\.)*(?:"|$)')
+_WHOLE = 10**15
+"""From here on, floats do not hold every whole number."""
 _PACKAGES = ("robosim", "numpy", "pymunk", "torch")
 
 
@@ -29,14 +32,26 @@ class Result:
     figures: Mapping[str, Sequence[float]]
     """By name, one number for each episode."""
     wall_time: float
-    """s."""
+    """Time spent learning, s."""
     machine: Mapping[str, str]
     """Where it ran, as `this_machine` says it."""
+    series: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    """By name, numbers of which there are not as many as episodes."""
+    evaluation_time: float = 0.0
+    """Time spent on the evaluation, s."""
 
 
 def append_result(path: Path, result: Result) -> None:
     """Append a result to a file, as one line and in one piece; InputError if it cannot be written."""
-    append_line(path, json.dumps(asdict(result), allow_nan=False))
+    table = asdict(result)
+    for rows in ("figures", "series"):
+        table[rows] = {name: [_short(value) for value in row] for name, row in table[rows].items()}
+    append_line(path, json.dumps(table, allow_nan=False, separators=(",", ":")))
+
+
+def _short(number: float) -> float | int:
+    """Return a whole number as one: it takes less room in a file."""
+    return int(number) if number.is_integer() and abs(number) < _WHOLE else number
 
 
 def read_results(path: Path) -> dict[str, Result]:
@@ -70,8 +85,16 @@ def _is_cut(line: str) -> bool:
     return outside.count("{") > outside.count("}")
 
 
-def _result(figures: Mapping[str, Sequence[float]], **fields: Any) -> Result:
-    return Result(figures={name: tuple(map(float, values)) for name, values in figures.items()}, **fields)
+def _result(
+    figures: Mapping[str, Sequence[float]],
+    series: Mapping[str, Sequence[float]] = MappingProxyType({}),
+    **fields: Any,
+) -> Result:
+    return Result(figures=_numbers(figures), series=_numbers(series), **fields)
+
+
+def _numbers(rows: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
+    return {name: tuple(map(float, values)) for name, values in rows.items()}
 
 
 @cache

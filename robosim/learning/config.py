@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
+import numpy as np
 import tomli_w
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
+from robosim.arena import arena_names, load_arena
+from robosim.control.policy import policy_names
 from robosim.envs.config import EnvConfig
 from robosim.errors import InputError, nearest_names, shown
 from robosim.learning.algorithms.dqn.config import DqnConfig
@@ -19,6 +23,8 @@ from robosim.learning.technique import find_technique
 from robosim.records import Record
 
 DEFAULT_TECHNIQUE = "ps-dqn"
+EVALUATION_SEED = 2
+"""Child of the run's root seed; 0 and 1 serve the first stage, and later ones take two each."""
 TRAINING_ENV = EnvConfig(robots=2, pellet_gradient=8.0, episode_steps=1250)
 """Short episodes that begin as long digging leaves the pellets, so that many moments of it are seen."""
 
@@ -115,6 +121,21 @@ def run_config(technique: str = DEFAULT_TECHNIQUE, **options: Any) -> RunConfig:
     algorithm = find_algorithm(preset.algorithm)()
     base = RunConfig(algorithm=algorithm, run=RunSettings(technique=technique))
     return base.with_options(**{**preset.options, **options})
+
+
+def child_seed(seed: int, child: int) -> int:
+    """Return a number drawn from a child of a run's root seed."""
+    return int(np.random.SeedSequence(seed, spawn_key=(child,)).generate_state(1)[0])
+
+
+def self_contained(config: RunConfig) -> RunConfig:
+    """Return a configuration that means the same from another folder, and once an arena's file is changed."""
+    arena, start = config.env.arena, config.schedule.start_from
+    if arena not in arena_names():
+        config = config.with_options(arena=load_arena(arena).text)
+    if start not in policy_names() and os.path.isdir(start):  # noqa: PTH112 - a name may be too long
+        config = config.with_options(start_from=str(Path(start).absolute()))
+    return config
 
 
 def write_config(config: RunConfig, path: Path) -> None:

@@ -39,6 +39,14 @@ def show_progress(steps: int, console: Console | None = None) -> Iterator[Callab
         yield show
 
 
+def clock(seconds: float) -> str:
+    """Return a time as minutes and seconds, from an hour on with hours before them."""
+    whole = round(seconds)
+    hours, minutes = divmod(whole // 60, 60)
+    text = f"{minutes}:{whole % 60:02d}"
+    return f"{hours}:{text:>05}" if hours else text
+
+
 class _TimeLeft:
     """Estimates the time left from the speed of late."""
 
@@ -49,10 +57,7 @@ class _TimeLeft:
     def __call__(self, row: Metrics) -> str:
         part = _SMOOTHING if self._speed else 1.0
         self._speed += part * (row.steps_per_second - self._speed)
-        seconds = round(max(0, self._steps - row.step) / max(self._speed, 1e-9))
-        hours, minutes = divmod(seconds // 60, 60)
-        clock = f"{minutes}:{seconds % 60:02d}"
-        return f"{hours}:{clock:>05}" if hours else clock
+        return clock(max(0, self._steps - row.step) / max(self._speed, 1e-9))
 
 
 class _Lines:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import platform
 import time
 from collections.abc import Callable
@@ -15,22 +14,21 @@ import numpy as np
 import torch
 
 import robosim
-from robosim.arena import arena_names, load_arena
 from robosim.control.card import Evaluation, PolicyCard, TrainingCard, card_for
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
-from robosim.control.policy import Policy, policy_names, save_policy
+from robosim.control.policy import Policy, save_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError, shown
 from robosim.files import alone_in
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint
 from robosim.learning.computing import one_thread
-from robosim.learning.config import RunConfig
+from robosim.learning.config import EVALUATION_SEED, RunConfig, self_contained
 from robosim.learning.folder import Finished, RunFolder
 from robosim.learning.interrupts import hold_interrupts
 from robosim.learning.metrics import Metrics, write_metrics
 from robosim.learning.tensorboard import Curves
-from robosim.learning.training import EVALUATION_SEED, Training, evaluation_env
+from robosim.learning.training import Training, evaluation_env
 
 Report = Callable[[Metrics], None]
 Record = Callable[[LearnedController, VectorEnv, Path], None]
@@ -60,7 +58,7 @@ def train(
     far, and raises KeyboardInterrupt; `resume` goes on from there. InputError for a folder that is in use or
     cannot be written, before learning.
     """
-    config = _self_contained(config)
+    config = self_contained(config)
     training, run_folder = Training(config), RunFolder(folder)
     run_folder.make()
     with alone_in(folder):
@@ -83,16 +81,6 @@ def resume(folder: Path, report: Report, record: Record | None = None, warn: War
         for row in training.log.rows[-1:]:
             report(row)
         return _Run(training, run_folder, report, record, run_folder.command(), wall_time).finish()
-
-
-def _self_contained(config: RunConfig) -> RunConfig:
-    """Return a configuration that means the same from another folder, and once an arena's file is changed."""
-    arena, start = config.env.arena, config.schedule.start_from
-    if arena not in arena_names():
-        config = config.with_options(arena=load_arena(arena).text)
-    if start not in policy_names() and os.path.isdir(start):  # noqa: PTH112 - a name may be too long
-        config = config.with_options(start_from=str(Path(start).absolute()))
-    return config
 
 
 def finished_result(folder: Path) -> TrainResult | None:

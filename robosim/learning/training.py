@@ -21,13 +21,10 @@ from robosim.errors import InputError, shown
 from robosim.learning.actors import FrozenTeam, expanded, joined, robots_of
 from robosim.learning.algorithms.protocol import Actors, AlgorithmConfig, LargeMemory, Task
 from robosim.learning.checkpoint import Checkpoint, read_part, write_checkpoint, write_part
-from robosim.learning.config import RunConfig
+from robosim.learning.config import RunConfig, child_seed
 from robosim.learning.curriculum import Ending, Stage, is_steady, plan_stages, stage_budget
 from robosim.learning.loop import StageLoop
 from robosim.learning.metrics import Metrics, MetricsLog, Sums
-
-EVALUATION_SEED = 2
-"""Child of the run's root seed; 0 and 1 serve the first stage, and later ones take two each."""
 
 
 class Training:
@@ -130,7 +127,7 @@ class Training:
 
     def seed(self, child: int) -> int:
         """Return a number drawn from a child of the run's root seed."""
-        return int(np.random.SeedSequence(self.config.run.seed, spawn_key=(child,)).generate_state(1)[0])
+        return child_seed(self.config.run.seed, child)
 
     def save(self, folder: Path, wall_time: float) -> None:
         """Write a checkpoint, `wall_time` (s) into the run.

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from robosim.errors import InputError
 from robosim.experiments.jobs import Job, Outcome
-from robosim.experiments.local import run_local
+from robosim.experiments.local import LocalEngine
+from robosim.experiments.runner import run_jobs
 
 
 def count(folder):
@@ -18,12 +19,14 @@ def count(folder):
     return len((folder / "calls").read_text())
 
 
-def square(config, folder):
+def square(config, folder, report):
     calls = count(folder)
+    report(0.25)
+    report(0.75)
     return Outcome({"square": [config["x"] ** 2, config["x"] ** 2 + 1], "calls": [calls]}, 0.5)
 
 
-def misbehave(config, folder):
+def misbehave(config, folder, report):
     """Do as the configuration says, the first time; afterwards all goes well."""
     calls, how = count(folder), config["how"]
     if calls == 1 and how == "raise":
@@ -39,12 +42,12 @@ def misbehave(config, folder):
     return Outcome({"calls": [calls]}, 0.0)
 
 
-def threads(config, folder):
+def threads(config, folder, report):
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     return Outcome({name: [float(os.environ.get(name, "nan"))] for name in names}, 0.0)
 
 
-def long(config, folder):
+def long(config, folder, report):
     """Work until asked to end, and save what has been done; the second time, end at once."""
     if (folder / "saved").exists():
         return Outcome({"found": [float((folder / "saved").read_text())]}, 0.0)
@@ -66,5 +69,5 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)
     root = Path(sys.argv[1])
     jobs = [Job({"x": x}) for x in range(4)]
-    summary = run_local(jobs, cheap.long, root, root / "results.jsonl", workers=2)
+    summary = run_jobs(jobs, cheap.long, root, root / "results.jsonl", LocalEngine(2))
     print([result.figures["found"] for result in summary.results])

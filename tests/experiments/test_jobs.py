@@ -65,7 +65,7 @@ def test_two_processes_never_work_off_the_same_job(tmp_path):
     job = Job({"x": 3})
     seen = []
 
-    def meanwhile(config, folder):
+    def meanwhile(config, folder, report):
         child = os.fork()
         if not child:
             try:
@@ -75,7 +75,7 @@ def test_two_processes_never_work_off_the_same_job(tmp_path):
             os._exit(0)
         os.waitpid(child, 0)
         seen.append((tmp_path / "said").read_text())
-        return square(config, folder)
+        return square(config, folder, report)
 
     assert run_job(job, meanwhile, tmp_path).figures["calls"] == (1.0,)
     assert seen == [f"{job.folder(tmp_path)}: another process is at work in this folder."]

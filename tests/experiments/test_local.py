@@ -9,24 +9,46 @@ import pytest
 
 from robosim.errors import InputError
 from robosim.experiments.jobs import Job
-from robosim.experiments.local import run_local
-from robosim.experiments.results import read_results
+from robosim.experiments.local import LocalEngine
+from robosim.experiments.results import Result, read_results
+from robosim.experiments.runner import Watch, run_jobs
 from tests.experiments import cheap
 
 
-def run(tmp_path, configs, work, **options):
+def run(tmp_path, configs, work, workers=1, **options):
     jobs = [Job(config) for config in configs]
-    return run_local(jobs, work, tmp_path / "jobs", tmp_path / "results.jsonl", **options)
+    engine = LocalEngine(workers)
+    return run_jobs(jobs, work, tmp_path / "jobs", tmp_path / "results.jsonl", engine, **options)
+
+
+class Notes(Watch):
+    """Writes down what it hears."""
+
+    def __init__(self):
+        self.heard = []
+
+    def known(self, results):
+        self.heard.append(("known", len(results)))
+
+    def begun(self, job):
+        self.heard.append(("begun", str(job.config["x"])))
+
+    def at(self, job, done):
+        self.heard.append((str(job.config["x"]), done))
+
+    def ended(self, job, outcome):
+        self.heard.append(("ended", str(job.config["x"]), isinstance(outcome, Result)))
 
 
 def test_every_job_is_worked_off_once_and_its_result_is_a_line(tmp_path):
-    configs, seen = [{"x": x} for x in (3, 1, 2)], []
-    summary = run(
-        tmp_path, [*configs, {"x": 1}], cheap.square, workers=2, progress=lambda *now: seen.append(now)
-    )
+    configs, notes = [{"x": x} for x in (3, 1, 2)], Notes()
+    summary = run(tmp_path, [*configs, {"x": 1}], cheap.square, workers=2, watch=notes)
     assert summary.failures == []
     assert [result.figures["square"][0] for result in summary.results] == [9.0, 1.0, 4.0, 1.0]
-    assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    assert notes.heard[:3] == [("known", 0), ("begun", "3"), ("begun", "1")]
+    for x in "123":
+        own = [one for one in notes.heard if x in one]
+        assert own == [("begun", x), (x, 0.25), (x, 0.75), ("ended", x, True)]
     assert {key: result.figures for key, result in read_results(tmp_path / "results.jsonl").items()} == {
         result.key: result.figures for result in summary.results
     }

@@ -10,13 +10,17 @@ import robosim
 from robosim.errors import InputError
 from robosim.experiments.results import Result, append_result, read_results, this_machine
 
-ONE = Result("k1", {"seed": 1, "name": "a\nb"}, {"pellets": (1.0, 2.5)}, 12.5, {"processor": "x"})
+ONE = Result(
+    "k1", {"seed": 1, "name": "a\nb"}, {"pellets": (1.0, 2.5)}, 12.5, {"processor": "x"}, {"s": (0.1,)}
+)
 TWO = replace(ONE, key="k2", config={"seed": 2})
 
 
 def plain(result):
     return json.loads(
-        json.dumps([result.key, result.config, result.figures, result.wall_time, result.machine])
+        json.dumps(
+            [result.key, result.config, result.figures, result.series, result.wall_time, result.machine]
+        )
     )
 
 

@@ -178,15 +178,23 @@ def reversals_per_trip(episode: Episode) -> MetricValue:
     return _share(turned, len(episode.trips), NO_TRIPS)
 
 
+def wheel_energy(episode: Episode) -> MetricValue:
+    """Return energy that slip takes at the wheels of all robots.
+
+    Force times slip distance, under Coulomb's law; what is passed on by pushing is not in it.
+    """
+    return NO_FORCES if _without_forces(episode) else _sum(episode.totals.energy)
+
+
 def energy_per_pellet(episode: Episode) -> MetricValue:
     """Return energy that slip takes at the wheels of all robots, over pellets.
 
     Force times slip distance, under Coulomb's law; what is passed on by pushing is not in it.
     """
-    if _without_forces(episode):
-        return NO_FORCES
-    delivered = _sum(episode.totals.delivered)
-    return _share(_sum(episode.totals.energy), delivered, NotDefined("no pellets were delivered"))
+    energy = wheel_energy(episode)
+    if isinstance(energy, NotDefined):
+        return energy
+    return _share(energy, _sum(episode.totals.delivered), NotDefined("no pellets were delivered"))
 
 
 def passages(episode: Episode) -> MetricValue:

@@ -1,0 +1,132 @@
+"""`robosim sweep`: many runs that a file asks for, some at a time; stopped, it goes on."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+if TYPE_CHECKING:
+    from robosim.experiments import sweep
+    from robosim.experiments.results import Result
+    from robosim.experiments.runner import Engine
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Train and measure many teams, as a file says (docs/sweeps.md). Stopped, the same command goes on."""
+
+    file: Annotated[Path, tyro.conf.Positional]
+    """The sweep (.toml)."""
+    out: Path | None = None
+    """Folder for the runs; by default runs/sweep-NAME."""
+    results: Path | None = None
+    """File to which a line of JSON is added for each finished run; by default NAME.results.jsonl beside the
+    sweep. Runs that it holds are not run again."""
+    engine: Literal["local", "ray"] = "local"
+    """Processes of this machine, or a Ray cluster."""
+    workers: int | None = None
+    """Runs at a time, on a core each; by default as many as there are cores."""
+    address: str | None = None
+    """Ray cluster, HOST:PORT or auto; by default Ray starts on this machine."""
+    dry_run: bool = False
+    """Only say which runs there are, which are done, and about how long the rest takes."""
+    only: Annotated[str | None, tyro.conf.arg(metavar="NAME=VALUE,...")] = None
+    """Only the runs with these values; several values of a name are alternatives."""
+    keep_runs: bool = True
+    """Keep the folders of finished runs, with policy and metrics."""
+
+    def run(self) -> None:
+        """Work the sweep off, with a progress display, or say what there is to do."""
+        from robosim.errors import InputError, whole_number
+        from robosim.experiments.results import read_results
+        from robosim.experiments.sweep import read_sweep
+
+        if self.workers is not None:
+            whole_number("--workers", self.workers, 1, 4096)
+        if self.address is not None and self.engine != "ray":
+            raise InputError("--address names a Ray cluster: it needs --engine ray.")
+        plan = read_sweep(self.file)
+        if self.only is not None:
+            plan = plan.only(self.only)
+        results = self.results or self.file.with_suffix(".results.jsonl")
+        if self.dry_run:
+            self._show(plan, read_results(results))
+        else:
+            self._work_off(plan, results)
+
+    def _work_off(self, plan: sweep.Sweep, results: Path) -> None:
+        from robosim.errors import IncompleteError
+        from robosim.experiments.display import Display
+        from robosim.experiments.runner import run_jobs
+        from robosim.experiments.team import work_off
+
+        out = self.out or Path("runs") / f"sweep-{self.file.stem}"
+        labels = {run.job.key: run.label for run in plan.runs if run.job is not None}
+        engine = self._engine()
+        try:
+            with Display(labels, plan.jobs) as display:
+                summary = run_jobs(
+                    plan.jobs, work_off, out.absolute(), results, engine, display, self.keep_runs
+                )
+        except KeyboardInterrupt:
+            print(f"Stopped; go on with: {shlex.join(['robosim', *sys.argv[1:]])}")
+            raise
+        done = len(plan.jobs) - len(summary.failures)
+        print(f"{_counted(done, 'run')} done, {_skipped(plan)} skipped; results in {results}")
+        for failure in summary.failures:
+            print(f"{labels[failure.job.key]}: {failure.reason.strip()}", file=sys.stderr)
+        if summary.failures:
+            raise IncompleteError(
+                f"{_counted(len(summary.failures), 'run')} failed; the same command tries again."
+            )
+
+    def _engine(self) -> Engine:
+        if self.engine == "ray":
+            from robosim.experiments.ray_engine import RayEngine
+
+            return RayEngine(self.address, self.workers)
+        from robosim.experiments.local import LocalEngine
+
+        return LocalEngine(self._local_workers)
+
+    @property
+    def _local_workers(self) -> int:
+        return self.workers or len(os.sched_getaffinity(0))
+
+    def _show(self, plan: sweep.Sweep, results: dict[str, Result]) -> None:
+        """Print each run with what is to be done about it, how many there are, and how long they take."""
+        from robosim.experiments.estimate import Estimate
+        from robosim.learning.progress import clock
+
+        counts: Counter[str] = Counter()
+        for run in plan.runs:
+            if run.job is None:
+                state, why = "skipped", f": {run.skip}"
+            else:
+                state, why = ("done" if run.job.key in results else "to do"), ""
+            counts[state] += 1
+            print(f"{state:<8} {run.label}{why}")
+        print(", ".join(f"{counts[state]} {state}" for state in ("done", "to do", "skipped")))
+        done = [results[job.key] for job in plan.jobs if job.key in results]
+        waiting = [job.config for job in plan.jobs if job.key not in results]
+        seconds = Estimate(done).left(waiting, [], self._local_workers)
+        if seconds is None:
+            print("no run is done yet that would tell how long the rest takes")
+        elif waiting:
+            at_once = f"{self._local_workers} at a time"
+            print(f"about {clock(seconds)} to go, {at_once}, by the {_counted(len(done), 'run')} done")
+
+
+def _skipped(plan: sweep.Sweep) -> int:
+    return sum(run.job is None for run in plan.runs)
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -1,0 +1,353 @@
+"""A sweep: which runs a file asks for, read strictly, and the job of each."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import BaseModel, Field, ValidationError, model_validator
+
+from robosim.arena import arena_names, load_arena
+from robosim.control.controller import SCRIPTED
+from robosim.envs.config import EnvConfig
+from robosim.errors import InputError, nearest_names, refused, shown
+from robosim.experiments.jobs import Job
+from robosim.experiments.team import POLICY, Measuring, env_of_policy, learning_job, measuring_job
+from robosim.learning.algorithms.registry import algorithm_names, find_algorithm
+from robosim.learning.config import (
+    DEFAULT_TECHNIQUE,
+    TRAINING_ENV,
+    RunConfig,
+    RunSettings,
+    run_config,
+    self_contained,
+)
+from robosim.learning.technique import TECHNIQUES, find_technique
+from robosim.records import Many, Record, sentence
+
+MOST_RUNS = 10_000
+_MOST_VALUES = 1000
+_MOST_BYTES = 1_000_000
+_TECHNIQUE = "technique"
+_SEED = "seed"
+_SCALAR = "a number, a text, true or false"
+_VALUE = f"{_SCALAR}, or a list of them"
+
+
+class _Table(BaseModel):
+    """A table of the file; no `Record`, since one of its keys is `options`."""
+
+    model_config = Record.model_config
+
+
+class Where(_Table):
+    """What other runs than the rest take, or that they are not run."""
+
+    match: dict[str, Any] = Field(max_length=100)
+    """A value, or a list of values, for each name: runs that have one of them in all of these names match."""
+    options: dict[str, Any] = Field(default={}, max_length=200)
+    """What they take as well."""
+    trials: Many[dict[str, Any]] = Field(default=(), max_length=_MOST_VALUES)
+    """One run for each of these tables of options, in the place of the one."""
+    skip: str = Field(default="", max_length=500)
+    """Why they are not run."""
+
+    @model_validator(mode="after")
+    def _says_something(self) -> Self:
+        if self.skip and (self.options or self.trials):
+            raise ValueError(
+                "skip says that these runs are not run, so there must be neither options nor trials"
+            )
+        if not (self.skip or self.options or self.trials):
+            raise ValueError("there must be options, trials or skip")
+        return self
+
+
+class SweepFile(_Table):
+    """What a file of a sweep may hold."""
+
+    about: str = Field(default="", max_length=2000)
+    """What the sweep is for, in a sentence."""
+    options: dict[str, Any] = Field(default={}, max_length=200)
+    """Options of every run, by the names of `run_config`."""
+    vary: dict[str, Any] = Field(default={}, max_length=50)
+    """Lists of values: every combination of them is a run, and the last varies fastest."""
+    where: Many[Where] = Field(default=(), max_length=_MOST_VALUES)
+    """In their order, so that later ones win."""
+    evaluation: Measuring = Measuring()
+    """How every team is measured."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a sweep."""
+
+    names: Mapping[str, Any]
+    """What tells it from the others: its values of [vary], and of its trial."""
+    options: Mapping[str, Any]
+    """All that the file says of it, technique and seed too."""
+    job: Job | None
+    """None for a run that is skipped."""
+    skip: str = ""
+    """Why it is skipped."""
+
+    @property
+    def label(self) -> str:
+        """Its names and values in one line."""
+        return _label(self.names)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The runs that a file asks for, in its order, each once."""
+
+    about: str
+    runs: Sequence[Run]
+
+    @property
+    def jobs(self) -> list[Job]:
+        """The jobs of those that are not skipped."""
+        return [run.job for run in self.runs if run.job is not None]
+
+    def only(self, text: str) -> Sweep:
+        """Return the runs with certain values: `technique=smadrl,robots=4,robots=8`.
+
+        Values of the same name are alternatives. InputError for a name or a value that no run has.
+        """
+        wanted: dict[str, set[str]] = {}
+        for part in text.split(","):
+            name, equals, value = part.strip().partition("=")
+            if not equals:
+                raise InputError(f"--only is {shown(text)}, but must be NAME=VALUE, or several with commas.")
+            values = {_plain(run.options[name]) for run in self.runs if name in run.options}
+            if not values:
+                names = {name for run in self.runs for name in run.options}
+                raise InputError(f"--only: {shown(name)} is in no run: {nearest_names(name, names)}")
+            if value not in values:
+                raise InputError(f"--only: no run has {name} {shown(value)}: {nearest_names(value, values)}")
+            wanted.setdefault(name, set()).add(value)
+        kept = [
+            run
+            for run in self.runs
+            if all(
+                name in run.options and _plain(run.options[name]) in values for name, values in wanted.items()
+            )
+        ]
+        return replace(self, runs=kept)
+
+
+def read_sweep(path: Path) -> Sweep:
+    """Read the file of a sweep; InputError in one sentence for its first mistake.
+
+    An arena's file is looked for from the working directory, as on the command line, and its text becomes
+    part of the runs.
+    """
+    place = str(path)
+    try:
+        file = SweepFile.model_validate(_read_toml(path))
+    except ValidationError as error:
+        raise InputError(f"{place}: {sentence(SweepFile, error)}") from None
+    for name, values in file.vary.items():
+        if not isinstance(values, list) or not 1 <= len(values) <= _MOST_VALUES:
+            raise refused(f"{place}: vary.{name}", values, f"a list of 1 to {_MOST_VALUES} values")
+    for where, table in _tables(file):
+        for name, value in table.items():
+            _check_value(f"{place}: {where}.{name}", name, value)
+    for name, values in file.vary.items():
+        if repeated := [value for number, value in enumerate(values) if _among(value, values[:number])]:
+            raise InputError(f"{place}: vary.{name} has {shown(repeated[0])} twice.")
+    drafts = _combinations(file, place)
+    for number, block in enumerate(file.where, 1):
+        drafts = _after(drafts, block, f"{place}: where {number}")
+    return Sweep(file.about, _built(drafts, file.evaluation, place))
+
+
+@dataclass(frozen=True)
+class _Draft:
+    """A run before its options are checked."""
+
+    names: Mapping[str, Any]
+    options: Mapping[str, Any]
+    skip: str = ""
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from None
+    if len(data) > _MOST_BYTES:
+        raise InputError(f"{path}: the file is larger than {_MOST_BYTES} bytes, the most a sweep may have.")
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not a TOML file ({' '.join(str(error).split())}).") from None
+
+
+def _tables(file: SweepFile) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield all tables of options, and those of [vary], one for each combination of places in its lists."""
+    yield "options", file.options
+    for name, values in file.vary.items():
+        for value in values:
+            yield "vary", {name: value}
+    for number, block in enumerate(file.where, 1):
+        yield f"where {number}: options", block.options
+        for trial in block.trials:
+            yield f"where {number}: trials", trial
+
+
+def _check_value(place: str, name: str, value: object) -> None:
+    """Raise InputError for what is no value of an option, or for an option that the sweep decides on."""
+    parts = value if isinstance(value, list) else [value]
+    if not all(isinstance(part, bool | int | float | str) for part in parts):
+        raise refused(place, value, _VALUE)
+    if name.startswith("evaluation_"):
+        raise InputError(f"{place} cannot be given: [evaluation] says how teams are measured.")
+    if name in RunSettings.model_fields and name not in (_TECHNIQUE, _SEED):
+        raise InputError(f"{place} cannot be given: a sweep runs each team in one process of its own.")
+
+
+def _combinations(file: SweepFile, place: str) -> list[_Draft]:
+    count = math.prod(len(values) for values in file.vary.values())
+    _check_count(count, f"{place}: vary")
+    base = {_TECHNIQUE: DEFAULT_TECHNIQUE, _SEED: 0, **file.options}
+    drafts = []
+    for values in itertools.product(*file.vary.values()):
+        names = dict(zip(file.vary, values, strict=True))
+        drafts.append(_Draft(names, base | names))
+    return drafts
+
+
+def _check_count(count: int, place: str) -> None:
+    if count > MOST_RUNS:
+        raise InputError(f"{place}: these are {count} runs, but there must be at most {MOST_RUNS}.")
+
+
+def _after(drafts: Sequence[_Draft], block: Where, place: str) -> list[_Draft]:
+    """Return the runs as a block leaves them; InputError for one that no run matches."""
+    wanted = {name: value if isinstance(value, list) else [value] for name, value in block.match.items()}
+    for name, values in wanted.items():
+        had = [draft.options[name] for draft in drafts if name in draft.options]
+        if not had:
+            names = {name for draft in drafts for name in draft.options}
+            raise InputError(f"{place}: match.{name} is in no run: {nearest_names(name, names)}")
+        for value in values:
+            if not _among(value, had):
+                near = nearest_names(_plain(value), {_plain(one) for one in had})
+                raise InputError(f"{place}: match.{name} is {shown(value)} in no run: {near}")
+    matching = [
+        all(name in draft.options and _among(draft.options[name], values) for name, values in wanted.items())
+        for draft in drafts
+    ]
+    if not any(matching):
+        raise InputError(f"{place}: no run matches.")
+    _check_count(len(drafts) + sum(matching) * max(0, len(block.trials) - 1), place)
+    pairs = zip(drafts, matching, strict=True)
+    return [after for draft, matches in pairs for after in (_changed(draft, block) if matches else [draft])]
+
+
+def _changed(draft: _Draft, block: Where) -> Iterable[_Draft]:
+    if block.skip:
+        return [replace(draft, skip=block.skip)]
+    after = []
+    for trial in block.trials or ({},):
+        options = {**draft.options, **block.options, **trial}
+        after.append(
+            replace(draft, names={name: options[name] for name in {**draft.names, **trial}}, options=options)
+        )
+    return after
+
+
+def _built(drafts: Sequence[_Draft], measuring: Measuring, place: str) -> list[Run]:
+    """Return each run once, with its job; InputError for a technique, an option or a value that cannot be."""
+    builder = _Builder(measuring)
+    runs: list[Run] = []
+    seen: set[str] = set()
+    for draft in drafts:
+        if draft.skip:
+            runs.append(Run(draft.names, draft.options, None, draft.skip))
+            continue
+        try:
+            job = builder.job(draft.options)
+        except InputError as error:
+            raise InputError(f"{place}: {_label(draft.names) or 'options'}: {error}") from None
+        if job.key not in seen:
+            seen.add(job.key)
+            runs.append(Run(draft.names, draft.options, job))
+    return runs
+
+
+class _Builder:
+    """Makes the job of a run out of its options."""
+
+    def __init__(self, measuring: Measuring) -> None:
+        self._measuring = measuring
+        self._arenas: dict[str, str] = {}
+
+    def job(self, options: Mapping[str, Any]) -> Job:
+        """Return the job; InputError for a technique, an option or a value that cannot be."""
+        if isinstance(options.get("arena"), str):
+            options = {**options, "arena": self._whole_arena(options["arena"])}
+        team = options[_TECHNIQUE]
+        if not isinstance(team, str):
+            raise refused(_TECHNIQUE, team, "a text")
+        if team in SCRIPTED or team.startswith(POLICY):
+            return self._measured(team, options)
+        _require_technique(team)
+        return learning_job(self_contained(run_config(**options)), self._measuring)
+
+    def _measured(self, team: str, options: Mapping[str, Any]) -> Job:
+        """Return the job that only measures: it takes the options of the environment, and the seed."""
+        _require_options(options)
+        of_env = EnvConfig.options()
+        seed = RunSettings(seed=options[_SEED]).seed
+        if team.startswith(POLICY):
+            env = env_of_policy(team, options)
+        else:
+            env = TRAINING_ENV.with_options(**{n: value for n, value in options.items() if n in of_env})
+        return measuring_job(team, env, seed, self._measuring)
+
+    def _whole_arena(self, arena: str) -> str:
+        """Return an arena's name where it ships, and its text else."""
+        if arena not in self._arenas:
+            self._arenas[arena] = arena if arena in arena_names() else load_arena(arena).text
+        return self._arenas[arena]
+
+
+def _require_technique(name: str) -> None:
+    """Raise InputError for what is neither a technique nor a scripted controller."""
+    try:
+        find_technique(name)
+    except InputError:
+        near = nearest_names(name, {*TECHNIQUES, *SCRIPTED})
+        raise InputError(f"unknown technique {shown(name)}: {near}") from None
+
+
+def _require_options(names: Iterable[str]) -> None:
+    """Raise InputError for what is an option of no algorithm's runs."""
+    known = {*RunConfig.options(), _TECHNIQUE}
+    strange = [name for name in names if name not in known]
+    if strange:
+        known.update(*(find_algorithm(name).model_fields for name in algorithm_names()))
+    for name in strange:
+        if name not in known:
+            raise InputError(f"{shown(name)} is not an option: {nearest_names(name, known)}")
+
+
+def _among(value: object, others: Iterable[object]) -> bool:
+    """Return whether a value is one of the others; true is no number."""
+    return any(value == other and isinstance(value, bool) == isinstance(other, bool) for other in others)
+
+
+def _plain(value: object) -> str:
+    return value if isinstance(value, str) else shown(value)
+
+
+def _label(names: Mapping[str, Any]) -> str:
+    return " ".join(f"{name}={_plain(value)}" for name, value in names.items())

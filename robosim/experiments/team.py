@@ -1,0 +1,183 @@
+"""The job of a sweep: a team learns, then it is measured; or a team that there is already is measured."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from robosim.analysis.measure.monitor import TeamMonitor
+from robosim.arena import arena_names, load_arena
+from robosim.control.controller import SCRIPTED, Controller, make_controller
+from robosim.control.evaluate import evaluate
+from robosim.control.learned import LearnedController
+from robosim.control.policy import RUN_POLICY, WEIGHTS_FILE, find_policy, read_policy
+from robosim.envs.config import MOST_STEPS, EnvConfig
+from robosim.envs.vector import VectorEnv
+from robosim.experiments.jobs import Job, Outcome, Report, ignore
+from robosim.experiments.measures import evaluation_figures, evaluation_series, learning_curve
+from robosim.learning.config import EVALUATION_SEED, RunConfig, child_seed
+from robosim.records import Record
+
+POLICY = "policy:"
+"""In front of a trained policy's name or folder where a technique's name could stand."""
+_SIDE_BY_SIDE = 16
+"""Episodes that run at once."""
+_RUN = "run"
+
+
+class Measuring(Record):
+    """How a team is measured: whole episodes without exploration."""
+
+    episodes: int = Field(default=5, ge=1, le=1000)
+    """How many."""
+    steps: int = Field(default=0, ge=0, le=MOST_STEPS)
+    """Decisions in each of them; 0 for as many as the arena says."""
+
+
+def learning_job(run: RunConfig, measuring: Measuring) -> Job:
+    """Return the job of a team that learns as `run` says and is then measured.
+
+    Of the run's settings only technique and seed count: the others do not change what is learned.
+    """
+    table = run.model_dump(mode="json", exclude_none=True)
+    return Job(
+        table
+        | {"run": {"technique": run.run.technique, "seed": run.run.seed}, "evaluation": _table(measuring)}
+    )
+
+
+def measuring_job(team: str, env: EnvConfig, seed: int, measuring: Measuring) -> Job:
+    """Return the job that measures a scripted controller, or a policy by `policy:NAME`, in an environment.
+
+    InputError when there is no such team.
+    """
+    # What only training asks for must not tell jobs from one another.
+    plain = env.changed(pellet_gradient=0.0, episode_steps=0).model_dump(mode="json", exclude_none=True)
+    config: dict[str, Any] = {
+        "env": plain,
+        "run": {"technique": team, "seed": seed},
+        "evaluation": _table(measuring),
+    }
+    if team not in SCRIPTED:
+        weights = find_policy(team.removeprefix(POLICY)) / WEIGHTS_FILE
+        config["weights"] = hashlib.sha256(weights.read_bytes()).hexdigest()[:16]
+    return Job(config)
+
+
+def env_of_policy(team: str, options: Mapping[str, Any]) -> EnvConfig:
+    """Return the environment that a policy by `policy:NAME` learned in, with another arena, world or team."""
+    card = read_policy(find_policy(team.removeprefix(POLICY))).card
+    name, arena = card.arena.name, card.env.arena
+    if name in arena_names() and load_arena(name).text == arena:
+        # A record need not hold the text of what everybody has.
+        arena = name
+    chosen = {name: options[name] for name in ("arena", "robots", "world") if name in options}
+    return card.env.with_options(**{"arena": arena, **chosen})
+
+
+def work_off(config: Mapping[str, Any], folder: Path, report: Report = ignore) -> Outcome:
+    """Do the job of a configuration that `learning_job` or `measuring_job` made, in its folder.
+
+    A training that an earlier call began goes on, to the same bits as if never interrupted.
+    """
+    measuring = Measuring.from_table(config["evaluation"], "the job's evaluation")
+    seed, team = int(config["run"]["seed"]), str(config["run"]["technique"])
+    if "algorithm" not in config:
+        env_config = EnvConfig.from_table(config["env"], "the job's env")
+        controller = make_controller(team.removeprefix(POLICY))
+        return _measured(controller, env_config, seed, measuring, _Shares(report, 0, env_config, measuring))
+    run = RunConfig.from_table({name: config[name] for name in RunConfig.model_fields}, "the job")
+    shares = _Shares(report, run.schedule.steps, run.env, measuring)
+    wall_time, curve = _learn(run, folder / _RUN, shares)
+    controller = LearnedController(read_policy(folder / _RUN / RUN_POLICY), str(folder / _RUN))
+    outcome = _measured(controller, run.env, seed, measuring, shares)
+    return Outcome(outcome.figures, wall_time, {**outcome.series, **curve}, outcome.evaluation_time)
+
+
+class _Shares:
+    """Says which share of a job is done, by the decisions of training and evaluation; watches the latter."""
+
+    def __init__(self, report: Report, learned: int, env: EnvConfig, measuring: Measuring) -> None:
+        self._report = report
+        self._learned = learned
+        steps = measuring.steps or load_arena(env.arena).timing.episode_steps
+        self._all = learned + measuring.episodes * steps
+        self._done = self._said = 0
+
+    def learned(self, steps: int) -> None:
+        """Hear how many joint decisions the training has taken so far."""
+        self._say(min(steps, self._learned))
+
+    def begin(self, env: VectorEnv) -> None:
+        """Hear that a round of episodes has begun."""
+        self._done = max(self._done, self._learned)
+
+    def step(self, env: VectorEnv) -> None:
+        """Hear that a decision has been taken."""
+        self._say(self._done + env.num_envs)
+
+    def end(self, env: VectorEnv, wanted: int) -> None:
+        """Hear that the round is over."""
+
+    def _say(self, done: int) -> None:
+        self._done = min(done, self._all)
+        # A hundred times in all: who looks on has no more of it.
+        if 100 * self._done // self._all > self._said:
+            self._said = 100 * self._done // self._all
+            self._report(self._done / self._all)
+
+
+def _learn(run: RunConfig, folder: Path, shares: _Shares) -> tuple[float, dict[str, list[float]]]:
+    """Train, or go on, or find that all is learned; return the time it took (s) and the learning curve."""
+    from robosim.learning.folder import CONFIG_FILE, METRICS_FILE
+    from robosim.learning.metrics import Metrics, read_metrics
+    from robosim.learning.trainer import finished_result, resume, train
+
+    def report(row: Metrics) -> None:
+        shares.learned(row.step)
+
+    result = finished_result(folder)
+    if result is None and (folder / CONFIG_FILE).exists():
+        result = resume(folder, report, warn=_unheard)
+    if result is None:
+        result = train(run.with_options(evaluation_episodes=0), folder, report)
+    return result.wall_time, learning_curve(read_metrics(folder / METRICS_FILE))
+
+
+def _measured(
+    controller: Controller, config: EnvConfig, seed: int, measuring: Measuring, shares: _Shares
+) -> Outcome:
+    """Run the episodes that a training's own evaluation would run, and watch them.
+
+    All teams of the same seed begin from the same episodes, scripted ones too.
+    """
+    began = time.perf_counter()
+    env_seed = child_seed(seed, EVALUATION_SEED)
+    env = VectorEnv(
+        config,
+        num_envs=min(measuring.episodes, _SIDE_BY_SIDE),
+        seed=env_seed,
+        pellet_gradient=0.0,
+        episode_steps=measuring.steps,
+    )
+    monitor = TeamMonitor()
+    evaluation = evaluate(controller, env, measuring.episodes, env_seed, watch=[monitor, shares])
+    return Outcome(
+        figures=evaluation_figures(evaluation, monitor.episodes),
+        wall_time=0.0,
+        series=evaluation_series(evaluation, monitor.episodes),
+        evaluation_time=time.perf_counter() - began,
+    )
+
+
+def _unheard(_sentence: str) -> None:
+    """Pass over what is said of damaged checkpoints: the run goes on from a good one."""
+
+
+def _table(record: Record) -> dict[str, Any]:
+    return record.model_dump(mode="json", exclude_none=True)

@@ -1,0 +1,135 @@
+import json
+
+import numpy as np
+import pytest
+
+from robosim.analysis.measure.monitor import TeamMonitor
+from robosim.cli.main import main
+from robosim.control.controller import make_controller
+from robosim.control.environment import environment_for
+from robosim.control.evaluate import evaluate
+from robosim.envs.config import EnvConfig
+from robosim.errors import InputError
+from robosim.experiments.jobs import run_job
+from robosim.experiments.team import Measuring, learning_job, measuring_job, work_off
+from robosim.learning.config import EVALUATION_SEED, child_seed, run_config
+from robosim.learning.metrics import read_metrics
+from robosim.learning.trainer import train
+
+TINY = run_config(
+    "iql+s", world="grid", arena="single-lane", steps=1200, robots=2, num_envs=2, episode_steps=100,
+    warmup=50, hidden=(8,), checkpoint_every=400, record_every=400, record_steps=1, evaluation_episodes=3,
+    seed=5,
+)  # fmt: skip
+MEASURING = Measuring(episodes=3, steps=120)
+
+
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory):
+    """A tiny job worked off: job, record, folder of all jobs, shares that were reported."""
+    root, shares = tmp_path_factory.mktemp("jobs"), []
+    job = learning_job(TINY, MEASURING)
+    return job, run_job(job, work_off, root, shares.append), root, shares
+
+
+def test_a_job_says_what_is_learned_and_how_it_is_measured_and_nothing_else(learned):
+    job, result, _, shares = learned
+    assert result.config["run"] == {"technique": "iql+s", "seed": 5}
+    assert result.config["evaluation"] == {"episodes": 3, "steps": 120}
+    same = TINY.with_options(checkpoint_every=0, record_every=0, workers=2, evaluation_episodes=0)
+    assert learning_job(same, MEASURING).key == job.key
+    for other in ({"seed": 6}, {"steps": 1201}, {"pheromone_radius": 1}, {"technique": "mine"}):
+        assert learning_job(TINY.with_options(**other), MEASURING).key != job.key
+    assert learning_job(TINY, Measuring(episodes=4, steps=120)).key != job.key
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert len(shares) > 10
+
+
+def test_figures_are_those_of_robosim_evaluate(learned, tmp_path, capsys):
+    job, result, root, _ = learned
+    run = job.folder(root) / "work" / "run"
+    seed = child_seed(5, EVALUATION_SEED)
+    command = ["evaluate", str(run), "--episodes", "3", "--steps", "120", "--seed", str(seed)]
+    assert main([*command, "--json", str(tmp_path / "found.json")]) == 0
+    capsys.readouterr()
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert result.figures["pellets"] == tuple(map(sum, found["delivered"]))
+    assert result.series["robot_pellets"] == tuple(n for episode in found["delivered"] for n in episode)
+    assert result.figures["touches"] == tuple(found["collisions"])
+    # In the grid there are no forces: that a figure is not defined is said by leaving it out.
+    assert "wheel_energy" not in result.figures
+    assert not (run / "checkpoints").exists() or not any((run / "checkpoints").iterdir())
+
+
+def test_it_goes_on_where_it_was_to_the_same_bits(learned, tmp_path):
+    job, whole, root, _ = learned
+
+    def stop(controller, env, path):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(TINY, job.folder(tmp_path) / "work" / "run", lambda row: None, record=stop)
+    parts = run_job(job, work_off, tmp_path)
+    assert (parts.figures, parts.series) == (whole.figures, whole.series)
+    weights = [next(folder.rglob("policy.safetensors")).read_bytes() for folder in (root, tmp_path)]
+    assert weights[0] == weights[1]
+    # Once finished, nothing is learned again.
+    again = run_job(job, work_off, tmp_path)
+    assert (again.figures, again.wall_time) == (parts.figures, parts.wall_time)
+
+
+def test_the_learning_curve_adds_up_to_what_the_run_wrote_down(learned):
+    job, result, root, _ = learned
+    rows = read_metrics(job.folder(root) / "work" / "run" / "metrics.parquet")
+    steps = np.array(result.series["learned"])
+    assert steps[-1] == rows[-1].step == 1200
+    decisions = np.diff([0, *steps])
+    pellets = (np.array(result.series["learned_pellets"]) * decisions / 1000).sum()
+    assert pellets == pytest.approx(sum(row.delivered for row in rows), abs=1e-3)
+    reward = (np.array(result.series["learned_reward"]) * decisions).sum()
+    assert reward == pytest.approx(sum(row.reward * row.decisions for row in rows), rel=1e-4)
+
+
+@pytest.mark.parametrize("world", ["grid", "physics"])
+def test_a_scripted_team_is_only_measured(tmp_path, world):
+    env = EnvConfig(world=world, arena="paper", robots=2)
+    result = run_job(measuring_job("lanes", env, 3, Measuring(episodes=2, steps=300)), work_off, tmp_path)
+    assert result.wall_time == 0.0
+    assert result.evaluation_time > 0.0
+    monitor, controller = TeamMonitor(), make_controller("lanes")
+    seed = child_seed(3, EVALUATION_SEED)
+    environment = environment_for(controller, "paper", 2, world, num_envs=2, seed=seed, episode_steps=300)
+    evaluation = evaluate(controller, environment, 2, seed, watch=[monitor])
+    assert result.figures["pellets"] == tuple(evaluation.totals)
+    assert sum(evaluation.totals) > 0
+    first = np.array(evaluation.delivered[0])
+    by_then = result.series["pellets_by_then"]
+    assert len(by_then) == 50
+    assert by_then[-1] == first.sum()
+    # The slow way: every delivery by the decision at which a point lies.
+    trips = monitor.episodes[0].trips
+    assert by_then == tuple(
+        float(sum(trip.pellets for trip in trips if trip.end <= round(300 * k / 50))) for k in range(1, 51)
+    )
+    energies = [episode.totals.energy.sum() for episode in monitor.episodes]
+    if world == "physics":
+        assert result.figures["wheel_energy"] == pytest.approx(energies, rel=1e-5)
+    assert set(result.figures["clogs"]) <= {0.0, 1.0, 2.0, 3.0}
+
+
+def test_what_no_episode_defines_is_left_out_and_what_some_define_has_theirs(tmp_path):
+    env = EnvConfig(world="grid", robots=1)
+    result = run_job(measuring_job("lanes", env, 0, Measuring(episodes=1, steps=20)), work_off, tmp_path)
+    assert "gini" not in result.figures
+    assert result.figures["pellets"] == (0.0,)
+    assert len(result.series["pellets_by_then"]) == 20
+
+
+def test_a_trained_policy_is_measured_by_name_and_known_by_its_weights(tmp_path):
+    env = EnvConfig(world="grid", robots=2)
+    job = measuring_job("policy:paper-2", env, 0, Measuring(episodes=1, steps=50))
+    assert len(job.config["weights"]) == 16
+    assert run_job(job, work_off, tmp_path).config["run"]["technique"] == "policy:paper-2"
+    with pytest.raises(InputError, match="no policy is named 'paper-200'"):
+        measuring_job("policy:paper-200", env, 0, Measuring())
