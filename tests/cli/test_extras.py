@@ -94,12 +94,13 @@ def test_bench_leaves_the_learner_out_and_says_so(alone: Path, tmp_path: Path) -
     assert result.stderr == ""
 
 
-def test_all_is_every_extra_and_each_brings_what_is_said_of_it() -> None:
+def test_all_is_every_extra_but_the_cluster_and_each_brings_what_is_said_of_it() -> None:
     extras = PROJECT["optional-dependencies"]
     names = {
         extra: {requirement.split(">")[0].split("~")[0] for requirement in extras[extra]} for extra in extras
     }
-    assert names["all"] == {f"robosim[{','.join(EXTRAS)}]"}
+    # Ray is large, and one machine does without it.
+    assert names["all"] == {f"robosim[{','.join(extra for extra in EXTRAS if extra != 'cluster')}]"}
     packages = {"tomli_w": "tomli-w", "rerun": "rerun-sdk", "PIL": "pillow"}
     for extra, modules in EXTRAS.items():
         assert {packages.get(module, module) for module in modules} <= names[extra]
