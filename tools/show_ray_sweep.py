@@ -13,15 +13,16 @@ engine.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import shutil
 import signal
+import subprocess
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import psutil
 from ray.cluster_utils import Cluster
 
 from robosim.experiments.jobs import Failure, Job
@@ -47,7 +48,6 @@ class Killer(Watch):
     """Kills a node of the cluster as soon as a job on it is far enough, and says what happens."""
 
     def __init__(self, cluster: Cluster, root: Path, shared: bool) -> None:
-        self.victim: Job | None = None
         self.killed = False
         self._cluster = cluster
         self._root = root
@@ -72,12 +72,13 @@ class Killer(Watch):
     def _kill(self, job: Job) -> None:
         """Kill the node that a job is on, unless it is the head of the cluster."""
         for node in self._cluster.worker_nodes:
-            raylet = psutil.Process(node.all_processes["raylet"][0].process.pid)
-            processes = [raylet, *raylet.children(recursive=True)]
-            if any(_holds(process.pid, job.folder(self._root)) for process in processes):
-                self.killed, self.victim = True, job
+            processes = _family(node.all_processes["raylet"][0].process.pid)
+            if any(_holds(process, job.folder(self._root)) for process in processes):
+                self.killed = True
                 for process in processes:
-                    os.kill(process.pid, signal.SIGKILL)
+                    # Without their raylet, some are gone before their turn.
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(process, signal.SIGKILL)
                 if not self._shared:
                     shutil.rmtree(job.folder(self._root))
                 folder = "stays" if self._shared else "goes with it"
@@ -89,6 +90,12 @@ class Killer(Watch):
 
     def _say(self, what: str) -> None:
         print(f"{time.monotonic() - self._began:6.1f} s  {what}", flush=True)
+
+
+def _family(pid: int) -> list[int]:
+    """Return a process and all that it has started, and those have."""
+    listed = subprocess.run(["pgrep", "--parent", str(pid)], capture_output=True, text=True, check=False)
+    return [pid, *(one for child in listed.stdout.split() for one in _family(int(child)))]
 
 
 def _holds(pid: int, folder: Path) -> bool:

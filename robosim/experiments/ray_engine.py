@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import socket
 from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,8 @@ _TRIES = 5
 """How often a job is begun again whose node or process has died."""
 _PATIENCE = 60.0
 """How long a job waits for the process of a dead node to let go of the folder, s."""
+_LISTENING = 10.0
+"""How long a cluster may take to answer at its address, s."""
 _SAVING = 120.0
 """How long an interrupted job may take to save, s."""
 
@@ -91,7 +94,7 @@ class _Board:
 
 @contextlib.contextmanager
 def _connected(address: str | None, workers: int | None) -> Iterator[None]:
-    """Be connected to a cluster; without an address, to one of this machine alone. InputError if none is there."""
+    """Be connected to a cluster, without an address to one of this machine alone; InputError if none is."""
     # Nobody is told of what is run here.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
@@ -99,16 +102,23 @@ def _connected(address: str | None, workers: int | None) -> Iterator[None]:
     if address is None:
         options |= {"num_cpus": workers, "include_dashboard": False}
     try:
+        _require_listener(address)
         ray.init(address=address or "local", **options)
-    except (ConnectionError, ValueError, RuntimeError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise InputError(
-            f"--address is {shown(address or 'local')}, but no Ray cluster is there ({reason})."
-        ) from None
+        place = "here" if address is None else f"at {shown(address)}"
+        raise InputError(f"no Ray cluster could be reached {place}: {reason.rstrip('.')}.") from None
     try:
         yield
     finally:
         ray.shutdown()
+
+
+def _require_listener(address: str | None) -> None:
+    """Raise OSError unless somebody listens at HOST:PORT: Ray itself would wait for minutes."""
+    host, _, port = (address or "").rpartition(":")
+    if host and port.isdigit() and "/" not in host:
+        socket.create_connection((host, int(port)), timeout=_LISTENING).close()
 
 
 def _make_board() -> Any:

@@ -98,8 +98,8 @@ class Run:
 
     @property
     def label(self) -> str:
-        """Its names and values in one line."""
-        return _label(self.names)
+        """Its names and values in one line; the technique where nothing varies."""
+        return _label(self.names or {_TECHNIQUE: self.options[_TECHNIQUE]})
 
 
 @dataclass(frozen=True)

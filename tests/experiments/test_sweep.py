@@ -1,0 +1,289 @@
+import itertools
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robosim.arena import load_arena
+from robosim.errors import InputError
+from robosim.experiments.sweep import read_sweep
+from robosim.experiments.team import Measuring, learning_job
+from robosim.learning.config import run_config
+
+WHOLE = """
+about = "All that a file may hold."
+[options]
+world = "grid"
+steps = 1000
+[vary]
+technique = ["iql", "smadrl", "lanes", "policy:paper-2"]
+robots = [2, 3]
+seed = [0, 1]
+[[where]]
+match = { technique = "smadrl", robots = [3, 2] }
+options = { steps = 2000, first_team = 1 }
+[[where]]
+match = { technique = "smadrl", robots = 3 }
+options = { steps = 3000 }
+[[where]]
+match = { technique = "iql", seed = 1 }
+trials = [ { learning_rate = 1e-3 }, { learning_rate = 3e-4, hidden = [8, 8] } ]
+[[where]]
+match = { technique = "policy:paper-2", robots = 3 }
+skip = "it drives two"
+[evaluation]
+episodes = 2
+steps = 50
+"""
+
+
+def read(tmp_path, text):
+    path = tmp_path / "sweep.toml"
+    path.write_text(text)
+    return read_sweep(path)
+
+
+def config_of(run):
+    return run.job.config
+
+
+def test_every_combination_is_a_run_and_the_last_name_varies_fastest(tmp_path):
+    sweep = read(tmp_path, WHOLE)
+    labels = [run.label for run in sweep.runs]
+    plain = itertools.product(("iql", "smadrl", "lanes", "policy:paper-2"), (2, 3), (0, 1))
+    expected = []
+    for technique, robots, seed in plain:
+        label = f"technique={technique} robots={robots} seed={seed}"
+        trials = (" learning_rate=0.001", " learning_rate=0.0003 hidden=[8, 8]")
+        expected += [label + trial for trial in (trials if (technique, seed) == ("iql", 1) else ("",))]
+    assert labels == expected
+    assert [run.skip for run in sweep.runs if run.job is None] == ["it drives two"] * 2
+    assert len({job.key for job in sweep.jobs}) == len(sweep.jobs) == len(sweep.runs) - 2
+
+
+def test_a_run_is_what_the_same_options_make_of_run_config(tmp_path):
+    runs = {run.label: run for run in read(tmp_path, WHOLE).runs}
+    measuring = Measuring(episodes=2, steps=50)
+    for label, technique, options in (
+        ("technique=iql robots=2 seed=0", "iql", {"steps": 1000}),
+        ("technique=smadrl robots=2 seed=1", "smadrl", {"steps": 2000, "first_team": 1, "seed": 1}),
+        # The later block wins, and what it does not name stays.
+        ("technique=smadrl robots=3 seed=0", "smadrl", {"steps": 3000, "first_team": 1, "robots": 3}),
+        (
+            "technique=iql robots=3 seed=1 learning_rate=0.0003 hidden=[8, 8]",
+            "iql",
+            {"steps": 1000, "robots": 3, "seed": 1, "learning_rate": 3e-4, "hidden": (8, 8)},
+        ),
+    ):
+        config = run_config(technique, **{"world": "grid", "robots": 2, "seed": 0, **options})
+        assert runs[label].job.key == learning_job(config, measuring).key
+
+
+def test_teams_that_do_not_learn_take_of_the_options_what_concerns_them(tmp_path):
+    runs = {run.label: run for run in read(tmp_path, WHOLE).runs}
+    lanes = config_of(runs["technique=lanes robots=3 seed=1"])
+    assert lanes["run"] == {"technique": "lanes", "seed": 1}
+    assert (lanes["env"]["world"], lanes["env"]["robots"]) == ("grid", 3)
+    assert (lanes["env"]["pellet_gradient"], lanes["env"]["episode_steps"]) == (0.0, 0)
+    assert "algorithm" not in lanes
+    policy = config_of(runs["technique=policy:paper-2 robots=2 seed=0"])
+    assert (policy["env"]["world"], policy["env"]["arena"]) == ("grid", "paper")
+    # However long the others learn, it is the same measurement, and it is done once.
+    text = '[vary]\nsteps = [100, 200]\ntechnique = ["iql", "lanes"]\nepsilon_start = [0.5, 0.6]'
+    labels = [run.label for run in read(tmp_path, text).runs]
+    assert len(labels) == 5
+    assert sum("lanes" in label for label in labels) == 1
+
+
+def test_an_arena_of_ones_own_is_part_of_the_run(tmp_path):
+    arena = tmp_path / "own.toml"
+    text = load_arena("single-lane").text
+    arena.write_text(text)
+    options = f'[options]\narena = "{arena}"\n'
+    before = read(tmp_path, options).jobs[0]
+    assert before.config["env"]["arena"] == text
+    arena.write_text(text + "\n# changed\n")
+    assert read(tmp_path, options).jobs[0].key != before.key
+    shipped = read(tmp_path, '[options]\narena = "single-lane"\n').jobs[0]
+    assert shipped.config["env"]["arena"] == "single-lane"
+
+
+def dumped(table):
+    return "".join(f"{name} = {value}\n" for name, value in table)
+
+
+@given(order=st.permutations(["world", "steps", "robots", "hidden", "learning_rate"]))
+def test_a_run_is_known_by_what_it_is_and_not_by_how_its_file_is_written(order, tmp_path_factory):
+    values = {"world": '"grid"', "steps": "1000", "robots": "3", "hidden": "[8]", "learning_rate": "0.001"}
+    for split in (0, 2, 5):
+        options = dumped((name, values[name]) for name in order[:split])
+        vary = dumped((name, f"[{values[name]}]") for name in order[split:])
+        text = f"[options]\n{options}[vary]\n{vary}"
+        (job,) = read(tmp_path_factory.mktemp("sweep"), text).jobs
+        config = run_config("ps-dqn", world="grid", steps=1000, robots=3, hidden=(8,), learning_rate=1e-3)
+        assert job.key == learning_job(config, Measuring()).key
+
+
+def test_keys_do_not_change_when_an_optional_part_is_left_out():
+    config = learning_job(run_config("iql"), Measuring()).config
+    assert set(config) == {"env", "algorithm", "schedule", "run", "evaluation"}
+
+    def leaves(value):
+        if isinstance(value, dict):
+            for inner in value.values():
+                yield from leaves(inner)
+        else:
+            yield value
+
+    assert None not in list(leaves(config))
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[vary", "not a TOML file ("),
+        ("colour = 1", '"colour" is not an option: '),
+        ("about = 3", "about is 3, but must be a text of at most 2000 characters."),
+        ("[vary]\nrobots = 3", "vary.robots is 3, but must be a list of 1 to 1000 values."),
+        ("[vary]\nrobots = []", "vary.robots is [], but must be a list of 1 to 1000 values."),
+        ("[vary]\nrobots = [2, 3, 2]", "vary.robots has 2 twice."),
+        (
+            "[options]\nrobots = { a = 1 }",
+            "options.robots is a table, but must be a number, a text, true or false, or a list of them.",
+        ),
+        (
+            "[vary]\nrobots = [[[1]]]",
+            "vary.robots is [[1]], but must be a number, a text, true or false, or a list of them.",
+        ),
+        (
+            "[vary]\nseed = [0, 1]\nrobots = [2, 3, 4000]",
+            "seed=0 robots=4000: env.robots is 4000, but must be a whole number from 1 to 1000.",
+        ),
+        (
+            '[vary]\ntechnique = ["iql", "smadlr"]',
+            'technique=smadlr: unknown technique "smadlr": did you mean smadrl',
+        ),
+        (
+            '[options]\ntechnique = "lane"',
+            'options: unknown technique "lane": did you mean lanes',
+        ),
+        ("[options]\ntechnique = 3", "options: technique is 3, but must be a text."),
+        (
+            "[options]\nlearning_rat = 1",
+            'options: "learning_rat" is not an option: did you mean learning_rate',
+        ),
+        (
+            '[options]\ntechnique = "lanes"\nlearning_rat = 1',
+            'options: "learning_rat" is not an option: did you mean learning_rate',
+        ),
+        ("[options]\nsteps = nan", "options: schedule.steps is nan, but must be a whole number from 1 to "),
+        (
+            "[options]\nworkers = 2",
+            "options.workers cannot be given: a sweep runs each team in one process of its own.",
+        ),
+        (
+            "[vary]\nevaluation_steps = [2]",
+            "vary.evaluation_steps cannot be given: [evaluation] says how teams are measured.",
+        ),
+        (
+            "[evaluation]\nepisodes = 0",
+            "evaluation.episodes is 0, but must be a whole number from 1 to 1000.",
+        ),
+        ("[[where]]\nskip = 'no'", "where.match is missing; it must be a table of at most 100 entries."),
+        ("[[where]]\nmatch = {}", "where: there must be options, trials or skip."),
+        (
+            "[[where]]\nmatch = {}\nskip = 'no'\noptions = {steps = 1}",
+            "where: skip says that these runs are not run, so there must be neither options nor trials.",
+        ),
+        (
+            "[vary]\nrobots = [2, 3]\n[[where]]\nmatch = {robot = 2}\nskip = 'no'",
+            "where 1: match.robot is in no run: did you mean robots?",
+        ),
+        (
+            "[vary]\ntechnique = ['iql', 'smadrl']\n[[where]]\nmatch = {technique = 'smadlr'}\nskip = 'no'",
+            'where 1: match.technique is "smadlr" in no run: did you mean smadrl',
+        ),
+        (
+            "[vary]\nrobots = [2]\nseed = [0, 1]\n[[where]]\nmatch = {robots = true}\nskip = 'no'",
+            "where 1: match.robots is true in no run: known names are 2.",
+        ),
+        (
+            "[vary]\nrobots = [2, 3]\n[[where]]\nmatch = {robots = 2}\noptions = {steps = 5}\n"
+            + "[[where]]\nmatch = {robots = 3, steps = 5}\nskip = 'no'",
+            "where 2: no run matches.",
+        ),
+        (
+            "[[where]]\nmatch = {}\ntrials = [{workers = 2}]",
+            "where 1: trials.workers cannot be given: a sweep runs each team in one process of its own.",
+        ),
+        (
+            f"[vary]\nseed = {list(range(200))}\nrobots = {list(range(1, 101))}",
+            "vary: these are 20000 runs, but there must be at most 10000.",
+        ),
+        (
+            f"[vary]\nseed = {list(range(900))}\n[[where]]\nmatch = {{}}\ntrials = [{'{steps = 1}, ' * 20}]",
+            "where 1: these are 18000 runs, but there must be at most 10000.",
+        ),
+        (
+            '[options]\ntechnique = "policy:paper-200"',
+            "options: no policy is named 'paper-200', and there is no such folder: did you mean ",
+        ),
+        ('[options]\narena = "papr"', "options: No arena is named 'papr': did you mean paper"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_a_sentence(tmp_path, text, sentence):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text)
+    said = str(caught.value)
+    assert said.startswith(f"{tmp_path / 'sweep.toml'}: {sentence}")
+    assert "\n" not in said
+    if sentence.endswith((".", "?")):
+        assert said == f"{tmp_path / 'sweep.toml'}: {sentence}"
+
+
+def test_a_file_that_cannot_be_read_is_a_sentence(tmp_path):
+    with pytest.raises(InputError) as caught:
+        read_sweep(tmp_path / "none.toml")
+    assert str(caught.value) == f"{tmp_path / 'none.toml'}: cannot be read: No such file or directory."
+    (tmp_path / "large.toml").write_text("#" * 1_000_001)
+    with pytest.raises(InputError, match="larger than 1000000 bytes, the most a sweep may have"):
+        read_sweep(tmp_path / "large.toml")
+    (tmp_path / "bytes.toml").write_bytes(b"\xff")
+    with pytest.raises(InputError, match="not a TOML file"):
+        read_sweep(tmp_path / "bytes.toml")
+
+
+@given(text=st.text(alphabet='abc=[]{}"\n .1', max_size=40))
+def test_no_text_is_more_than_a_sentence(text, tmp_path_factory):
+    path = tmp_path_factory.mktemp("sweep") / "sweep.toml"
+    path.write_text(text)
+    try:
+        tomllib.loads(text)
+        read_sweep(path)
+    except (InputError, tomllib.TOMLDecodeError):
+        pass
+
+
+def test_only_takes_the_runs_with_these_values(tmp_path):
+    sweep = read(tmp_path, WHOLE)
+
+    def labels(text):
+        return [run.label for run in sweep.only(text).runs]
+
+    assert labels("technique=lanes, robots=3") == [
+        "technique=lanes robots=3 seed=0",
+        "technique=lanes robots=3 seed=1",
+    ]
+    assert len(labels("technique=lanes,technique=smadrl,seed=0")) == 4
+    # Options that all runs share are there to choose by as well.
+    assert labels("world=grid") == [run.label for run in sweep.runs]
+    for text, sentence in (
+        ("lanes", '--only is "lanes", but must be NAME=VALUE, or several with commas.'),
+        ("robot=2", '--only: "robot" is in no run: did you mean robots?'),
+        ("robots=5", '--only: no run has robots "5": known names are 2, 3.'),
+        ("technique=lane", '--only: no run has technique "lane": did you mean lanes?'),
+    ):
+        with pytest.raises(InputError) as caught:
+            sweep.only(text)
+        assert str(caught.value) == sentence
