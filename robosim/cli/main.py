@@ -18,6 +18,7 @@ import tyro
 import robosim
 from robosim.cli.arena import Arena
 from robosim.cli.bench import Bench
+from robosim.cli.compare import Compare
 from robosim.cli.demo import Demo
 from robosim.cli.evaluate import Evaluate
 from robosim.cli.extras import missing_extra

@@ -1,0 +1,222 @@
+"""Figures that compare systems: a colour for each system, the same in all panels and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, MaxNLocator
+from numpy.typing import NDArray
+
+from robosim.analysis.figures.style import COLUMN, FAINT, PAGE, QUIET, SERIES, put_legend_above
+
+Floats = NDArray[np.float64]
+
+_MARKERS = "os^Dvp"
+_DASHES = ((0, ()), (0, (4, 2)), (0, (1, 1.5)))
+"""Lines beyond the colours there are, in the same order again."""
+_PANEL_HEIGHT = 1.75
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A system in a panel: all arrays are [points]."""
+
+    name: str
+    x: Floats
+    y: Floats
+    low: Floats | None = None
+    """Bounds of the intervals; None where there are none."""
+    high: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """The systems in one task."""
+
+    title: str
+    lines: Sequence[Line]
+
+
+def learning_curves(panels: Sequence[Panel], names: Sequence[str]) -> Figure:
+    """Draw pellets against joint decisions, a panel for each task; `names` are all systems, in order."""
+
+    def finish(axes: Axes) -> None:
+        axes.set_ylim(bottom=0.0)
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.xaxis.set_major_formatter(lambda value, _: _thousands(value))
+
+    return _panels(
+        panels, names, "joint decisions", "pellets in 1000 decisions, exploration included", finish
+    )
+
+
+def cumulative_pellets(panels: Sequence[Panel], names: Sequence[str]) -> Figure:
+    """Draw the pellets delivered by each decision of an episode, a panel for each task."""
+
+    def finish(axes: Axes) -> None:
+        axes.set_ylim(bottom=0.0)
+        axes.set_xlim(left=0.0)
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.xaxis.set_major_formatter(lambda value, _: _thousands(value))
+
+    return _panels(panels, names, "decisions", "pellets delivered by the team", finish)
+
+
+def lorenz_curves(panels: Sequence[Panel], names: Sequence[str]) -> Figure:
+    """Draw the Lorenz curves of the pellets that robots delivered, a panel for each task."""
+
+    def finish(axes: Axes) -> None:
+        axes.plot([0, 1], [0, 1], color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+        axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), aspect="equal")
+        axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+        axes.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+
+    return _panels(
+        panels, names, "share of the robots, those with least work first", "share of the pellets", finish
+    )
+
+
+def performance_profiles(lines: Sequence[Line], names: Sequence[str], of: str) -> Figure:
+    """Draw the share of runs above each normalised score; `of` is what a score of 1 means."""
+
+    def finish(axes: Axes) -> None:
+        axes.set_ylim(0.0, 1.02)
+        axes.axvline(1.0, color=FAINT, linewidth=0.8, zorder=0)
+        axes.margins(x=0.0)
+
+    x = f"normalised score \N{GREEK SMALL LETTER TAU}, 1 is {of}"
+    return _panels([Panel("", lines)], names, x, "share of runs above \N{GREEK SMALL LETTER TAU}", finish)
+
+
+def by_team_size(panels: Sequence[Panel], names: Sequence[str], metric: str) -> Figure:
+    """Draw interquartile means with their intervals against the number of robots, a panel for each arena."""
+    height, most = 2.4, len(names)
+    figure, grid = _grid(len(panels), columns=2, height=height)
+    labelled: set[str] = set()
+    for axes, panel in zip(grid, panels, strict=True):
+        sizes = sorted({float(size) for line in panel.lines for size in line.x})
+        for line in panel.lines:
+            number = names.index(line.name)
+            # Beside each other, so that intervals do not cover one another.
+            x = line.x + 0.36 * ((number + 0.5) / most - 0.5) * _least_gap(sizes)
+            bars = None if line.low is None or line.high is None else [line.y - line.low, line.high - line.y]
+            axes.errorbar(
+                x,
+                line.y,
+                yerr=None if bars is None else np.clip(bars, 0.0, None),
+                color=_colour(number),
+                linestyle=_dash(number),
+                linewidth=0.9,
+                elinewidth=1.1,
+                capsize=1.8,
+                marker=_MARKERS[number % len(_MARKERS)],
+                markersize=3.5,
+                label=_once(line.name, labelled),
+            )
+        axes.set_title(panel.title)
+        axes.xaxis.set_major_locator(FixedLocator(sizes))
+        axes.set_xlabel("robots")
+        axes.set_ylim(bottom=0.0)
+    grid[0].set_ylabel(metric)
+    put_legend_above(figure, _legend_columns(names, figure))
+    return figure
+
+
+def improvement(panels: Sequence[Panel], names: Sequence[str], baseline: str) -> Figure:
+    """Draw the probability of improvement over the baseline with its interval, a panel for each task.
+
+    Of a line only the first point counts: `x` is the probability, and the interval is along it.
+    """
+    rows = max(len(panel.lines) for panel in panels)
+    figure, grid = _grid(len(panels), columns=3, height=0.75 + 0.2 * rows)
+    for axes, panel in zip(grid, panels, strict=True):
+        for row, line in enumerate(panel.lines):
+            colour, value = _colour(names.index(line.name)), float(line.x[0])
+            if line.low is not None and line.high is not None:
+                ends = [float(line.low[0]), float(line.high[0])]
+                axes.plot(ends, [row, row], color=colour, linewidth=3.0, alpha=0.5, solid_capstyle="butt")
+            axes.plot(value, row, marker="o", markersize=4.5, color=colour, clip_on=False)
+        axes.axvline(0.5, color=QUIET, linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
+        axes.set_yticks(range(len(panel.lines)), [line.name for line in panel.lines])
+        axes.set_ylim(len(panel.lines) - 0.4, -0.6)
+        axes.set_xlim(0.0, 1.0)
+        axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+        axes.set_title(panel.title)
+    figure.supxlabel(f"probability that a run does better than one of {baseline}", fontsize=8.0)
+    return figure
+
+
+def _panels(
+    panels: Sequence[Panel], names: Sequence[str], x: str, y: str, finish: Callable[[Axes], None]
+) -> Figure:
+    """Draw lines with bands in panels that share what their axes show, and one legend for all."""
+    columns = 4 if len(panels) > 3 else len(panels)
+    height = 2.2 if len(panels) == 1 else _PANEL_HEIGHT
+    figure, grid = _grid(len(panels), columns, height)
+    labelled: set[str] = set()
+    for axes, panel in zip(grid, panels, strict=True):
+        for line in panel.lines:
+            number = names.index(line.name)
+            if line.low is not None and line.high is not None:
+                axes.fill_between(line.x, line.low, line.high, color=_colour(number), alpha=0.2, linewidth=0)
+            axes.plot(
+                line.x,
+                line.y,
+                color=_colour(number),
+                linestyle=_dash(number),
+                linewidth=1.2,
+                label=_once(line.name, labelled),
+            )
+        axes.set_title(panel.title)
+        finish(axes)
+    if len(panels) == 1:
+        grid[0].set_xlabel(x)
+        grid[0].set_ylabel(y)
+    else:
+        figure.supxlabel(x, fontsize=8.0)
+        figure.supylabel(y, fontsize=8.0)
+    put_legend_above(figure, _legend_columns(names, figure))
+    return figure
+
+
+def _grid(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
+    """Return a figure with `count` axes, a column wide for one and a page wide for more."""
+    rows = ceil(count / columns)
+    width = COLUMN if count == 1 else PAGE
+    figure = Figure(figsize=(width, 0.5 + rows * height))
+    return figure, [figure.add_subplot(rows, min(columns, count), number + 1) for number in range(count)]
+
+
+def _colour(number: int) -> str:
+    return SERIES[number % len(SERIES)]
+
+
+def _dash(number: int) -> tuple[float, tuple[float, ...]]:
+    return _DASHES[number // len(SERIES) % len(_DASHES)]
+
+
+def _once(name: str, labelled: set[str]) -> str | None:
+    """Return the name as a label the first time, so that the legend has it once."""
+    if name in labelled:
+        return None
+    labelled.add(name)
+    return name
+
+
+def _legend_columns(names: Sequence[str], figure: Figure) -> int:
+    """Return how many entries of a legend stand beside each other in the width of a figure."""
+    longest = max(map(len, names)) + 5
+    return max(1, min(len(names), int(15.5 * figure.get_figwidth() / longest)))
+
+
+def _least_gap(values: Sequence[float]) -> float:
+    return float(np.diff(values).min()) if len(values) > 1 else 1.0
+
+
+def _thousands(value: float) -> str:
+    return f"{value / 1e6:g}M" if value >= 1e6 else f"{value / 1e3:g}k" if value >= 1e3 else f"{value:g}"

@@ -1,0 +1,318 @@
+"""Runs that are compared: read from run folders, files of results and evaluations into one kind of record."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.arena import Arena, load_arena
+from robosim.control.card import Evaluation
+from robosim.envs.config import EnvConfig
+from robosim.errors import InputError, shown
+from robosim.experiments.results import Result, read_results
+
+Floats = NDArray[np.float64]
+
+PELLETS = "pellets"
+"""The figure that is compared where none is asked for: pellets that the team delivered in each episode."""
+TOUCHES = "touches"
+"""Decisions in which robots that did not stop touched another, summed over robots, in each episode."""
+
+# As `robosim.learning.folder` names them, which takes torch to load.
+CONFIG_FILE = "config.toml"
+EVALUATION_FILE = "evaluation.json"
+METRICS_FILE = "metrics.parquet"
+FINISHED_FILE = "finished.json"
+
+_GROUPS = ("env", "algorithm", "schedule")
+"""Tables of a run's configuration on which depends what is learned."""
+_NAMES = {
+    "env": {option.path: name for name, option in EnvConfig.options().items()},
+    "algorithm": {("name",): "algorithm"},
+}
+"""Short names of options by their paths in a table, where they are not the path itself."""
+_OF_TASK = {"world", "arena", "robots"}
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Task:
+    """What a run was evaluated in: runs of one task differ in their systems and seeds alone."""
+
+    arena: str
+    """Its name."""
+    world: str
+    episode_steps: int
+    """Decisions in an episode."""
+    robots: int
+
+    def __str__(self) -> str:
+        grid = " (grid world)" if self.world == "grid" else ""
+        robots = f"{self.robots} robot" + ("s" if self.robots > 1 else "")
+        return f"{self.arena}{grid}, {robots}, episodes of {self.episode_steps} decisions"
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """How a run learned, exploration included: all arrays are [points]."""
+
+    steps: Floats
+    """Joint decisions, summed over environments."""
+    pellets: Floats
+    """Delivered in 1000 decisions of an environment, up to each point since the one before."""
+
+    def between(self, edges: Floats) -> Floats:
+        """Return pellets in 1000 decisions of each stretch between `edges` [n + 1], joint decisions: [n]."""
+        steps = np.concatenate([[0.0], self.steps])
+        delivered = np.concatenate([[0.0], np.cumsum(self.pellets * np.diff(steps))])
+        return np.asarray(np.diff(np.interp(edges, steps, delivered)) / np.diff(edges))
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One training, or one evaluation of a controller that does not learn, with one seed."""
+
+    source: str
+    """Where it was read, for sentences about it."""
+    technique: str
+    """Or name of the controller."""
+    task: Task
+    seed: int
+    figures: Mapping[str, Sequence[float]]
+    """By name, one number for each episode of the evaluation."""
+    delivered: Sequence[Sequence[float]] = ()
+    """[episodes][robots] pellets that each robot delivered; empty where it is not known."""
+    by_then: Sequence[float] = ()
+    """[points] pellets delivered in the first episode by points at equal distances; empty where not known."""
+    curve: Curve | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """By short name, what the system may differ in from others of its technique."""
+    map: str = ""
+    """The arena's text; empty where it is not known."""
+    machine: Mapping[str, str] = field(default_factory=dict)
+    """Where it ran; empty where it is not known."""
+    system: str = ""
+    """Technique, and behind it the options in which it differs from others of it: see `name_systems`."""
+
+    def score(self, metric: str) -> float | None:
+        """Return the mean of a figure over the episodes; None where the run has none of that name."""
+        values = self.figures.get(metric)
+        return float(np.mean(values)) if values else None
+
+
+def read_runs(paths: Iterable[Path]) -> list[Run]:
+    """Read all runs that `paths` hold, in order of task, system and seed.
+
+    A path is a run folder, a folder with run folders below it, a file of results, or a file that
+    `robosim evaluate --json` wrote. A run that is found twice counts once. InputError for a path without
+    runs, a run without an evaluation, two different runs of one system, task and seed, and two arenas of one
+    name.
+    """
+    runs = name_systems([run for path in paths for run in _runs_in(path)])
+    _require_same_arenas(runs)
+    found: dict[tuple[str, Task, int], Run] = {}
+    for run in runs:
+        same = found.setdefault((run.system, run.task, run.seed), run)
+        if list(same.figures.get(PELLETS, ())) != list(run.figures.get(PELLETS, ())):
+            raise InputError(
+                f"{same.source} and {run.source} are both {run.system} with seed {run.seed} in {run.task}, "
+                "but with other results: give one of them."
+            )
+    return sorted(found.values(), key=lambda run: (run.task, run.system, run.seed))
+
+
+def name_systems(runs: Sequence[Run]) -> list[Run]:
+    """Return the runs with the names of their systems.
+
+    A system is a technique; where runs of it differ in options within a task, it is the technique and these
+    options. What differs from task to task alone, as the length of training may, makes no other system.
+    """
+    groups: dict[tuple[str, Task], list[Run]] = defaultdict(list)
+    for run in runs:
+        groups[run.technique, run.task].append(run)
+    differing: dict[str, dict[str, None]] = defaultdict(dict)
+    for (technique, _), group in groups.items():
+        for name in dict.fromkeys(name for run in group for name in run.options):
+            if any(run.options.get(name) != group[0].options.get(name) for run in group):
+                differing[technique][name] = None
+    return [replace(run, system=_system(run, differing[run.technique])) for run in runs]
+
+
+def _require_same_arenas(runs: Sequence[Run]) -> None:
+    known: dict[str, Run] = {}
+    for run in runs:
+        if run.map and known.setdefault(run.task.arena, run).map != run.map:
+            raise InputError(
+                f"{known[run.task.arena].source} and {run.source} have two different arenas named "
+                f"{shown(run.task.arena)}: they cannot be compared."
+            )
+
+
+def _system(run: Run, differing: Iterable[str]) -> str:
+    options = [f"{name}={_written(run.options[name])}" for name in differing if name in run.options]
+    return " ".join([run.technique, *options])
+
+
+def _written(value: Any) -> str:
+    """Return an option's value in few characters, without spaces and commas."""
+    if isinstance(value, list | tuple):
+        return "x".join(map(_written, value))
+    if isinstance(value, float):
+        return f"{value:g}"
+    text = value if isinstance(value, str) else shown(value)
+    return text[:40].replace(",", ";").replace(" ", "-")
+
+
+def _runs_in(path: Path) -> list[Run]:
+    if path.is_dir():
+        return _runs_below(path)
+    if not path.exists():
+        raise InputError(f"{path}: there is no such file or folder.")
+    evaluation = _read_evaluation(path)
+    if evaluation is not None:
+        return [_evaluated(evaluation, str(path), technique=evaluation.controller, seed=evaluation.seed)]
+    results = read_results(path)
+    if not results:
+        raise InputError(f"{path}: there is no result in this file.")
+    return [_read_result(result, f"{path} ({result.key[:16]})") for result in results.values()]
+
+
+def _runs_below(path: Path) -> list[Run]:
+    folders = [path] if (path / CONFIG_FILE).exists() else [file.parent for file in path.rglob(CONFIG_FILE)]
+    if not folders:
+        raise InputError(f"{path}: there is no run in this folder: no {CONFIG_FILE} in it or below it.")
+    return [_read_folder(folder) for folder in sorted(folders)]
+
+
+def _read_folder(folder: Path) -> Run:
+    """Return the run in a run folder; InputError where it is damaged or has no evaluation."""
+    path = folder / EVALUATION_FILE
+    if not path.exists():
+        goes_on = f"`robosim train --resume {folder}` goes on with it"
+        why = "it was trained without" if (folder / FINISHED_FILE).exists() else goes_on
+        raise InputError(f"{folder}: this run has no evaluation ({EVALUATION_FILE}): {why}.")
+    evaluation = _read_evaluation(path)
+    if evaluation is None:
+        raise InputError(f"{path}: this is not the evaluation of a run.")
+    config = folder / CONFIG_FILE
+    try:
+        tables = tomllib.loads(config.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{config}: not a TOML file ({error}).") from None
+    arena = _arena(str(_table(tables, "env", str(config)).get("arena", evaluation.arena)))
+    return _evaluated(
+        evaluation,
+        str(folder),
+        curve=_read_curve(folder / METRICS_FILE),
+        map=arena.text,
+        **_described(tables, str(config)),
+    )
+
+
+def _read_evaluation(path: Path) -> Evaluation | None:
+    """Return the evaluation in a file; None where it is none, but may hold results."""
+    try:
+        table = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    if not isinstance(table, dict) or "controller" not in table:
+        return None
+    return Evaluation.from_table(table, str(path))
+
+
+def _read_curve(path: Path) -> Curve | None:
+    """Return the learning curve in a file of metrics; None where there is no file, or no row in it."""
+    if not path.exists():
+        return None
+    from pyarrow import ArrowException
+
+    from robosim.learning.metrics import read_metrics
+
+    try:
+        rows = read_metrics(path)
+    except (ArrowException, OSError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: cannot be read as the metrics of a run ({error}).") from None
+    if not rows:
+        return None
+    pellets = [1000.0 * row.delivered / row.decisions for row in rows]
+    return Curve(np.array([float(row.step) for row in rows]), np.array(pellets))
+
+
+def _evaluated(evaluation: Evaluation, source: str, **fields: Any) -> Run:
+    figures = {
+        PELLETS: tuple(map(float, evaluation.totals)),
+        TOUCHES: tuple(map(float, evaluation.collisions)),
+    }
+    task = Task(evaluation.arena, evaluation.world, evaluation.episode_steps, evaluation.robots)
+    return Run(source=source, task=task, figures=figures, delivered=evaluation.delivered, **fields)
+
+
+def _read_result(result: Result, source: str) -> Run:
+    """Return the run that a line of a sweep's results is of."""
+    env = EnvConfig.from_table(_table(result.config, "env", source), f"{source}: env")
+    measuring = _table(result.config, "evaluation", source)
+    arena = _arena(env.arena)
+    steps = measuring.get("steps") or arena.timing.episode_steps
+    series, curve = result.series, None
+    if series.get("learned"):
+        curve = Curve(np.array(series["learned"]), np.array(series["learned_pellets"]))
+    pellets = np.array(series.get("robot_pellets", ())).reshape(-1, env.robots)
+    fields = _described(result.config, source)
+    if "algorithm" not in result.config:
+        # What a controller that is only measured does not learn from makes no other controller of it.
+        fields["options"] = {"actions": env.actions}
+    return Run(
+        source=source,
+        task=Task(arena.name, env.world, steps, env.robots),
+        figures=result.figures,
+        delivered=tuple(map(tuple, pellets)),
+        by_then=series.get("pellets_by_then", ()),
+        curve=curve,
+        map=arena.text,
+        machine=result.machine,
+        **fields,
+    )
+
+
+@cache
+def _arena(name_or_text: str) -> Arena:
+    return load_arena(name_or_text)
+
+
+def _described(config: Mapping[str, Any], place: str) -> dict[str, Any]:
+    """Return technique, seed and options of a run by its configuration, whatever version wrote it."""
+    run = _table(config, "run", place)
+    technique, seed = run.get("technique"), run.get("seed")
+    if not isinstance(technique, str) or isinstance(seed, bool) or not isinstance(seed, int):
+        raise InputError(f"{place}: run.technique and run.seed must be there, a text and a whole number.")
+    options: dict[str, Any] = {}
+    for group in _GROUPS:
+        if group in config:
+            table = _table(config, group, place)
+            names = _NAMES.get(group, {})
+            options |= {names.get(path, ".".join(path)): value for path, value in _leaves(table)}
+    options = {name: value for name, value in options.items() if name not in _OF_TASK}
+    return {"technique": technique or str(options.get("algorithm")), "seed": seed, "options": options}
+
+
+def _leaves(table: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, (*above, name))
+        else:
+            yield (*above, name), value
+
+
+def _table(config: Mapping[str, Any], name: str, place: str) -> dict[str, Any]:
+    value = config.get(name)
+    if not isinstance(value, Mapping):
+        raise InputError(f"{place}: {name} is {shown(value)}, but must be a table.")
+    return dict(value)
