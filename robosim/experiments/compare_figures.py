@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from robosim.analysis.figures import comparison as draw
-from robosim.analysis.figures.comparison import Line, Panel
+from robosim.analysis.figures.comparison import Line, Panel, Systems
 from robosim.analysis.figures.rendering import Rendered, render
 from robosim.analysis.figures.style import look
 from robosim.analysis.measure.workload import lorenz_curve
@@ -21,27 +21,28 @@ _THRESHOLDS = 201
 
 def draw_comparison(comparison: Comparison, runs: Sequence[Run]) -> Iterator[tuple[str, Rendered]]:
     """Yield each figure that there is something to draw for, by its name; equal runs give equal bytes."""
-    names = list(dict.fromkeys(run.system for run in runs))
     tasks = [table.task for table in comparison.tables]
     curves = [_panel(task, tasks, _learned(_runs_of(runs, task))) for task in tasks]
     by_then = [_panel(task, tasks, _delivered_by_then(_runs_of(runs, task))) for task in tasks]
     work = [_panel(task, tasks, _shares(_runs_of(runs, task))) for task in tasks if task.robots > 1]
     better = [_panel(table.task, tasks, _improvements(table.rows)) for table in comparison.tables]
     baselines = {table.baseline for table in comparison.tables if table.baseline is not None}
-    baseline = baselines.pop() if len(baselines) == 1 else "the best system"
+    reference = baselines.pop() if len(baselines) == 1 else None
+    systems = Systems(list(dict.fromkeys(run.system for run in runs)), reference)
+    baseline = reference or "the best system"
     with look():
         if filled := [panel for panel in curves if panel.lines]:
-            yield "learning-curves", render(draw.learning_curves(filled, names))
-        yield "team-size", render(draw.by_team_size(_sizes(comparison), names, comparison.metric))
+            yield "learning-curves", render(draw.learning_curves(filled, systems))
+        yield "team-size", render(draw.by_team_size(_sizes(comparison), systems, comparison.metric))
         if comparison.normalised and comparison.metric not in FEWER_IS_BETTER:
             lines = _profiles(comparison)
-            yield "profiles", render(draw.performance_profiles(lines, names, baseline))
+            yield "profiles", render(draw.performance_profiles(lines, systems, baseline))
         if filled := [panel for panel in better if panel.lines]:
-            yield "improvement", render(draw.improvement(filled, names, baseline))
+            yield "improvement", render(draw.improvement(filled, systems, baseline))
         if filled := [panel for panel in by_then if panel.lines]:
-            yield "pellets", render(draw.cumulative_pellets(filled, names))
+            yield "pellets", render(draw.cumulative_pellets(filled, systems))
         if filled := [panel for panel in work if panel.lines]:
-            yield "lorenz", render(draw.lorenz_curves(filled, names))
+            yield "lorenz", render(draw.lorenz_curves(filled, systems))
 
 
 def _panel(task: Task, tasks: Sequence[Task], lines: Sequence[Line]) -> Panel:
@@ -52,7 +53,7 @@ def _panel(task: Task, tasks: Sequence[Task], lines: Sequence[Line]) -> Panel:
 
 
 def _place(task: Task) -> str:
-    return f"{task.arena} ({task.world}, {task.episode_steps})"
+    return f"{task.arena} ({task.world}), {task.episode_steps} decisions"
 
 
 def _runs_of(runs: Sequence[Run], task: Task) -> dict[str, list[Run]]:

@@ -35,7 +35,7 @@ FINISHED_FILE = "finished.json"
 
 _GROUPS = ("env", "algorithm", "schedule")
 """Tables of a run's configuration on which depends what is learned."""
-_NAMES = {
+_NAMES: Mapping[str, Mapping[tuple[str, ...], str]] = {
     "env": {option.path: name for name, option in EnvConfig.options().items()},
     "algorithm": {("name",): "algorithm"},
 }

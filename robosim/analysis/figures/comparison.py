@@ -12,13 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from numpy.typing import NDArray
 
-from robosim.analysis.figures.style import COLUMN, FAINT, PAGE, QUIET, SERIES, put_legend_above
+from robosim.analysis.figures.style import COLUMN, FAINT, INK, PAGE, QUIET, SERIES, put_legend_above
 
 Floats = NDArray[np.float64]
 
 _MARKERS = "os^Dvp"
 _DASHES = ((0, ()), (0, (4, 2)), (0, (1, 1.5)))
-"""Lines beyond the colours there are, in the same order again."""
 _PANEL_HEIGHT = 1.75
 
 
@@ -35,6 +34,29 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
+class Systems:
+    """All systems that are compared: each looks the same wherever it is drawn."""
+
+    names: Sequence[str]
+    reference: str | None = None
+    """The one that the others are measured by, drawn in black; None where it differs from task to task."""
+
+    def colour(self, name: str) -> str:
+        return INK if name == self.reference else SERIES[self._number(name) % len(SERIES)]
+
+    def dash(self, name: str) -> tuple[float, tuple[float, ...]]:
+        """Return how its lines are dashed: dashed ones have the colours in the same order again."""
+        return _DASHES[self._number(name) // len(SERIES) % len(_DASHES)]
+
+    def marker(self, name: str) -> str:
+        return _MARKERS[self._number(name) % len(_MARKERS)]
+
+    def _number(self, name: str) -> int:
+        others = [one for one in self.names if one != self.reference]
+        return others.index(name) if name in others else 0
+
+
+@dataclass(frozen=True, slots=True)
 class Panel:
     """The systems in one task."""
 
@@ -42,8 +64,8 @@ class Panel:
     lines: Sequence[Line]
 
 
-def learning_curves(panels: Sequence[Panel], names: Sequence[str]) -> Figure:
-    """Draw pellets against joint decisions, a panel for each task; `names` are all systems, in order."""
+def learning_curves(panels: Sequence[Panel], systems: Systems) -> Figure:
+    """Draw pellets against joint decisions, a panel for each task."""
 
     def finish(axes: Axes) -> None:
         axes.set_ylim(bottom=0.0)
@@ -51,11 +73,11 @@ def learning_curves(panels: Sequence[Panel], names: Sequence[str]) -> Figure:
         axes.xaxis.set_major_formatter(lambda value, _: _thousands(value))
 
     return _panels(
-        panels, names, "joint decisions", "pellets in 1000 decisions, exploration included", finish
+        panels, systems, "joint decisions", "pellets in 1000 decisions, exploration included", finish
     )
 
 
-def cumulative_pellets(panels: Sequence[Panel], names: Sequence[str]) -> Figure:
+def cumulative_pellets(panels: Sequence[Panel], systems: Systems) -> Figure:
     """Draw the pellets delivered by each decision of an episode, a panel for each task."""
 
     def finish(axes: Axes) -> None:
@@ -64,10 +86,10 @@ def cumulative_pellets(panels: Sequence[Panel], names: Sequence[str]) -> Figure:
         axes.xaxis.set_major_locator(MaxNLocator(4))
         axes.xaxis.set_major_formatter(lambda value, _: _thousands(value))
 
-    return _panels(panels, names, "decisions", "pellets delivered by the team", finish)
+    return _panels(panels, systems, "decisions", "pellets delivered by the team", finish)
 
 
-def lorenz_curves(panels: Sequence[Panel], names: Sequence[str]) -> Figure:
+def lorenz_curves(panels: Sequence[Panel], systems: Systems) -> Figure:
     """Draw the Lorenz curves of the pellets that robots delivered, a panel for each task."""
 
     def finish(axes: Axes) -> None:
@@ -77,11 +99,11 @@ def lorenz_curves(panels: Sequence[Panel], names: Sequence[str]) -> Figure:
         axes.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
 
     return _panels(
-        panels, names, "share of the robots, those with least work first", "share of the pellets", finish
+        panels, systems, "share of the robots, those with least work first", "share of the pellets", finish
     )
 
 
-def performance_profiles(lines: Sequence[Line], names: Sequence[str], of: str) -> Figure:
+def performance_profiles(lines: Sequence[Line], systems: Systems, of: str) -> Figure:
     """Draw the share of runs above each normalised score; `of` is what a score of 1 means."""
 
     def finish(axes: Axes) -> None:
@@ -90,31 +112,30 @@ def performance_profiles(lines: Sequence[Line], names: Sequence[str], of: str) -
         axes.margins(x=0.0)
 
     x = f"normalised score \N{GREEK SMALL LETTER TAU}, 1 is {of}"
-    return _panels([Panel("", lines)], names, x, "share of runs above \N{GREEK SMALL LETTER TAU}", finish)
+    return _panels([Panel("", lines)], systems, x, "share of runs above \N{GREEK SMALL LETTER TAU}", finish)
 
 
-def by_team_size(panels: Sequence[Panel], names: Sequence[str], metric: str) -> Figure:
+def by_team_size(panels: Sequence[Panel], systems: Systems, metric: str) -> Figure:
     """Draw interquartile means with their intervals against the number of robots, a panel for each arena."""
-    height, most = 2.4, len(names)
-    figure, grid = _grid(len(panels), columns=2, height=height)
+    figure, grid = _grid(len(panels), columns=2, height=2.4)
     labelled: set[str] = set()
     for axes, panel in zip(grid, panels, strict=True):
         sizes = sorted({float(size) for line in panel.lines for size in line.x})
         for line in panel.lines:
-            number = names.index(line.name)
             # Beside each other, so that intervals do not cover one another.
-            x = line.x + 0.36 * ((number + 0.5) / most - 0.5) * _least_gap(sizes)
+            place = (systems.names.index(line.name) + 0.5) / len(systems.names) - 0.5
+            x = line.x + 0.36 * place * _least_gap(sizes)
             bars = None if line.low is None or line.high is None else [line.y - line.low, line.high - line.y]
             axes.errorbar(
                 x,
                 line.y,
                 yerr=None if bars is None else np.clip(bars, 0.0, None),
-                color=_colour(number),
-                linestyle=_dash(number),
+                color=systems.colour(line.name),
+                linestyle=systems.dash(line.name),
                 linewidth=0.9,
                 elinewidth=1.1,
                 capsize=1.8,
-                marker=_MARKERS[number % len(_MARKERS)],
+                marker=systems.marker(line.name),
                 markersize=3.5,
                 label=_once(line.name, labelled),
             )
@@ -122,12 +143,12 @@ def by_team_size(panels: Sequence[Panel], names: Sequence[str], metric: str) -> 
         axes.xaxis.set_major_locator(FixedLocator(sizes))
         axes.set_xlabel("robots")
         axes.set_ylim(bottom=0.0)
-    grid[0].set_ylabel(metric)
-    put_legend_above(figure, _legend_columns(names, figure))
+    grid[0].set_ylabel(f"{metric} per episode, IQM")
+    put_legend_above(figure, _legend_columns(systems.names, figure))
     return figure
 
 
-def improvement(panels: Sequence[Panel], names: Sequence[str], baseline: str) -> Figure:
+def improvement(panels: Sequence[Panel], systems: Systems, baseline: str) -> Figure:
     """Draw the probability of improvement over the baseline with its interval, a panel for each task.
 
     Of a line only the first point counts: `x` is the probability, and the interval is along it.
@@ -136,7 +157,7 @@ def improvement(panels: Sequence[Panel], names: Sequence[str], baseline: str) ->
     figure, grid = _grid(len(panels), columns=3, height=0.75 + 0.2 * rows)
     for axes, panel in zip(grid, panels, strict=True):
         for row, line in enumerate(panel.lines):
-            colour, value = _colour(names.index(line.name)), float(line.x[0])
+            colour, value = systems.colour(line.name), float(line.x[0])
             if line.low is not None and line.high is not None:
                 ends = [float(line.low[0]), float(line.high[0])]
                 axes.plot(ends, [row, row], color=colour, linewidth=3.0, alpha=0.5, solid_capstyle="butt")
@@ -152,7 +173,7 @@ def improvement(panels: Sequence[Panel], names: Sequence[str], baseline: str) ->
 
 
 def _panels(
-    panels: Sequence[Panel], names: Sequence[str], x: str, y: str, finish: Callable[[Axes], None]
+    panels: Sequence[Panel], systems: Systems, x: str, y: str, finish: Callable[[Axes], None]
 ) -> Figure:
     """Draw lines with bands in panels that share what their axes show, and one legend for all."""
     columns = 4 if len(panels) > 3 else len(panels)
@@ -161,14 +182,15 @@ def _panels(
     labelled: set[str] = set()
     for axes, panel in zip(grid, panels, strict=True):
         for line in panel.lines:
-            number = names.index(line.name)
             if line.low is not None and line.high is not None:
-                axes.fill_between(line.x, line.low, line.high, color=_colour(number), alpha=0.2, linewidth=0)
+                axes.fill_between(
+                    line.x, line.low, line.high, color=systems.colour(line.name), alpha=0.2, linewidth=0
+                )
             axes.plot(
                 line.x,
                 line.y,
-                color=_colour(number),
-                linestyle=_dash(number),
+                color=systems.colour(line.name),
+                linestyle=systems.dash(line.name),
                 linewidth=1.2,
                 label=_once(line.name, labelled),
             )
@@ -180,7 +202,7 @@ def _panels(
     else:
         figure.supxlabel(x, fontsize=8.0)
         figure.supylabel(y, fontsize=8.0)
-    put_legend_above(figure, _legend_columns(names, figure))
+    put_legend_above(figure, _legend_columns(systems.names, figure))
     return figure
 
 
@@ -190,14 +212,6 @@ def _grid(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
     width = COLUMN if count == 1 else PAGE
     figure = Figure(figsize=(width, 0.5 + rows * height))
     return figure, [figure.add_subplot(rows, min(columns, count), number + 1) for number in range(count)]
-
-
-def _colour(number: int) -> str:
-    return SERIES[number % len(SERIES)]
-
-
-def _dash(number: int) -> tuple[float, tuple[float, ...]]:
-    return _DASHES[number // len(SERIES) % len(_DASHES)]
 
 
 def _once(name: str, labelled: set[str]) -> str | None:
