@@ -37,7 +37,9 @@ def marl_eval_tables(runs: Sequence[Run], metric: str) -> tuple[dict[str, Any], 
         kept, left = _rectangular(place, tasks)
         notes += left
         if kept:
-            tables[place] = _environment(kept, metric)
+            tables[place], unequal = _environment(kept, metric)
+            if unequal:
+                notes.append(f"--marl-eval: {place} has {unequal}.")
     if not tables:
         raise InputError("--marl-eval: no system has runs in all tasks of an arena, as marl-eval needs.")
     return tables, notes
@@ -66,20 +68,24 @@ def _rectangular(place: str, tasks: _Runs) -> tuple[dict[str, dict[str, list[Run
     return (kept if whole else {}), notes
 
 
-def _environment(tasks: Mapping[str, Mapping[str, Sequence[Run]]], metric: str) -> dict[str, Any]:
+def _environment(tasks: _Runs, metric: str) -> tuple[dict[str, Any], str]:
+    """Return the tables of an environment, and which part of the curves they have, if not the whole."""
     runs = [run for task in tasks.values() for own in task.values() for run in own]
     curves = [run.curve for run in runs if run.curve is not None]
     learned = {run.system for run in runs if "algorithm" in run.options}
     with_curves = metric == PELLETS and curves and all(r.curve for r in runs if r.system in learned)
-    last = min(curve.steps[-1] for curve in curves) if curves else 1.0
+    ends = [float(curve.steps[-1]) for curve in curves] or [1.0]
+    last = min(ends)
     edges = np.linspace(0.0, last, POINTS + 1) if with_curves else np.array([0.0, last])
-    return {
+    tables = {
         task: {
             name: {f"run_{number}": _run(run, metric, edges) for number, run in enumerate(own, 1)}
             for name, own in systems.items()
         }
         for task, systems in tasks.items()
     }
+    cut = with_curves and max(ends) > last
+    return tables, f"curves up to decision {last:.0f}, where the shortest ends" if cut else ""
 
 
 def _run(run: Run, metric: str, edges: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any]:

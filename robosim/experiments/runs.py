@@ -141,7 +141,9 @@ def name_systems(runs: Sequence[Run]) -> list[Run]:
     differing: dict[str, dict[str, None]] = defaultdict(dict)
     for (technique, _), group in groups.items():
         for name in dict.fromkeys(name for run in group for name in run.options):
-            if any(run.options.get(name) != group[0].options.get(name) for run in group):
+            # An evaluation by itself says little of the options: what is not known is not different.
+            values = [run.options[name] for run in group if name in run.options]
+            if any(value != values[0] for value in values):
                 differing[technique][name] = None
     return [replace(run, system=_system(run, differing[run.technique])) for run in runs]
 

@@ -16,7 +16,7 @@ from robosim.analysis.figures.style import COLUMN, FAINT, INK, PAGE, QUIET, SERI
 
 Floats = NDArray[np.float64]
 
-_MARKERS = "os^Dvp"
+_MARKERS = "os^Dvp*X"
 _DASHES = ((0, ()), (0, (4, 2)), (0, (1, 1.5)))
 _PANEL_HEIGHT = 1.75
 

@@ -1,0 +1,191 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from robosim.arena import load_arena
+from robosim.errors import InputError
+from robosim.experiments import runs as module
+from robosim.experiments.runs import Curve, Task, read_runs
+from robosim.learning import folder as names
+from robosim.learning.config import run_config
+from robosim.learning.trainer import train
+from tests.experiments import made
+
+TASK = Task("paper", "grid", 300, 2)
+
+
+def test_files_are_named_as_a_run_names_them():
+    assert (module.CONFIG_FILE, module.EVALUATION_FILE, module.METRICS_FILE, module.FINISHED_FILE) == (
+        names.CONFIG_FILE,
+        names.EVALUATION_FILE,
+        names.METRICS_FILE,
+        names.FINISHED_FILE,
+    )
+
+
+def test_a_training_is_read_as_it_was(tmp_path):
+    config = run_config(
+        "iql+s", arena="single-lane", robots=1, steps=12, num_envs=1, episode_steps=8, warmup=4, hidden=(8,),
+        evaluation_steps=2, evaluation_episodes=2, seed=5,
+    )  # fmt: skip
+    result = train(config, tmp_path / "deep" / "run", lambda row: None)
+    (run,) = read_runs([tmp_path])
+    assert run.technique == run.system == "iql+s"
+    assert run.seed == 5
+    assert run.task == Task(load_arena("single-lane").name, "physics", 2, 1)
+    assert run.figures["pellets"] == result.evaluation.totals
+    assert run.figures["touches"] == result.evaluation.collisions
+    assert run.delivered == result.evaluation.delivered
+    assert run.curve.steps[-1] == 12
+    assert run.options["hidden"] == [8]
+    assert run.options["reward"] == "local"
+    assert run.options["steps"] == 12
+    assert not {"arena", "world", "robots", "seed", "workers"} & run.options.keys()
+
+
+def test_folders_results_and_evaluations_are_one_kind_of_run(tmp_path):
+    made.folder(tmp_path / "runs" / "a", "iql+s", 0, [4, 6], rate=0.02)
+    made.result(tmp_path / "sweep.jsonl", "iql+s", 1, [9, 9], steps=made.STEPS)
+    made.result(tmp_path / "sweep.jsonl", "lanes", 0, [12, 14], learned=False)
+    (tmp_path / "lanes.json").write_text(
+        made.evaluation([13, 13], controller="lanes", seed=1).model_dump_json()
+    )
+    found = read_runs([tmp_path / "runs", tmp_path / "sweep.jsonl", tmp_path / "lanes.json"])
+    assert [(run.task, run.technique, run.seed) for run in found] == [
+        (TASK, "iql+s", 0),
+        (TASK, "iql+s", 1),
+        (TASK, "lanes", 0),
+        (TASK, "lanes", 1),
+    ]
+    assert [run.score("pellets") for run in found] == [5.0, 9.0, 13.0, 13.0]
+    assert [list(map(sum, run.delivered)) for run in found] == [[4, 6], [9, 9], [12, 14], [13, 13]]
+    assert found[1].machine == {"processor": "x"}
+    assert found[1].curve.pellets.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert list(found[2].by_then) == [3.0, 6.0, 9.0, 12.0]
+    assert found[0].score("gini") is None
+
+
+def test_a_system_is_named_by_what_differs_within_a_task(tmp_path):
+    made.folder(tmp_path / "a", "iql+s", 0, [4], learning_rate=0.001)
+    made.folder(tmp_path / "b", "iql+s", 0, [5], learning_rate=0.0002)
+    made.folder(tmp_path / "c", "ps-dqn", 0, [6])
+    # The length of its training differs from task to task alone.
+    made.folder(tmp_path / "d", "ps-dqn", 0, [7], robots=4, num_envs=2)
+    assert [(run.task.robots, run.system) for run in read_runs([tmp_path])] == [
+        (2, "iql+s learning_rate=0.0002"),
+        (2, "iql+s learning_rate=0.001"),
+        (2, "ps-dqn"),
+        (4, "ps-dqn"),
+    ]
+
+
+def test_lists_and_switches_are_named_without_spaces_and_commas(tmp_path):
+    made.folder(tmp_path / "a", "iql+s", 0, [4], hidden=(8, 16), mask=True)
+    made.folder(tmp_path / "b", "iql+s", 0, [5], hidden=(8,), mask=False)
+    assert [run.system for run in read_runs([tmp_path])] == [
+        "iql+s hidden=8 mask=false",
+        "iql+s hidden=8x16 mask=true",
+    ]
+
+
+def test_a_run_given_twice_counts_once_and_two_that_contradict_are_refused(tmp_path):
+    made.folder(tmp_path / "a", "iql+s", 0, [4])
+    assert len(read_runs([tmp_path, tmp_path / "a"])) == 1
+    made.folder(tmp_path / "b", "iql+s", 0, [5])
+    with pytest.raises(InputError) as caught:
+        read_runs([tmp_path])
+    assert str(caught.value) == (
+        f"{tmp_path}/a and {tmp_path}/b are both iql+s with seed 0 in paper (grid world), 2 robots, episodes of "
+        "300 decisions, but with other results: give one of them."
+    )
+
+
+def test_arenas_of_one_name_must_be_one(tmp_path):
+    text = load_arena("paper").text
+    (tmp_path / "other.toml").write_text(text.replace("[", "# Another arena of this name.\n[", 1))
+    made.folder(tmp_path / "a", "iql+s", 0, [4])
+    made.folder(tmp_path / "b", "iql+s", 1, [4], arena=str(tmp_path / "other.toml"))
+    with pytest.raises(InputError) as caught:
+        read_runs([tmp_path])
+    assert str(caught.value) == (
+        f'{tmp_path}/a and {tmp_path}/b have two different arenas named "paper": they cannot be compared.'
+    )
+
+
+def damage(path, how):
+    if how == "no evaluation":
+        (path / "evaluation.json").unlink()
+    if how == "not finished":
+        (path / "evaluation.json").unlink()
+        (path / "finished.json").unlink()
+    if how == "evaluation":
+        (path / "evaluation.json").write_text("[]")
+    if how == "field":
+        table = json.loads((path / "evaluation.json").read_text()) | {"robots": 0}
+        (path / "evaluation.json").write_text(json.dumps(table))
+    if how == "config":
+        (path / "config.toml").write_text("[run]\nseed = 1\n")
+    if how == "syntax":
+        (path / "config.toml").write_text("[run\n")
+    if how == "metrics":
+        (path / "metrics.parquet").write_text("no metrics")
+
+
+@pytest.mark.parametrize(
+    ("how", "sentence"),
+    [
+        ("no evaluation", "{}: this run has no evaluation (evaluation.json): it was trained without."),
+        (
+            "not finished",
+            "{0}: this run has no evaluation (evaluation.json): `robosim train --resume {0}` goes on with it.",
+        ),
+        ("evaluation", "{}/evaluation.json: this is not the evaluation of a run."),
+        ("field", "{}/evaluation.json: robots is 0, but must be a whole number from 1 to 1000."),
+        ("config", "{}/config.toml: env is None, but must be a table."),
+        ("syntax", "{}/config.toml: not a TOML file ("),
+        ("metrics", "{}/metrics.parquet: cannot be read as the metrics of a run ("),
+    ],
+)
+def test_a_damaged_run_is_a_sentence(tmp_path, how, sentence):
+    path = made.folder(tmp_path / "run", "iql+s", 0, [4])
+    damage(path, how)
+    with pytest.raises(InputError) as caught:
+        read_runs([tmp_path])
+    assert str(caught.value).startswith(sentence.format(path))
+
+
+def test_a_path_without_runs_is_a_sentence(tmp_path):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "none.jsonl").touch()
+    (tmp_path / "text.json").write_text('{"a": 1}')
+    for name, sentence in {
+        "empty": "there is no run in this folder: no config.toml in it or below it.",
+        "none.jsonl": "there is no result in this file.",
+        "text.json": "line 1 is no result (",
+        "nowhere": "there is no such file or folder.",
+    }.items():
+        with pytest.raises(InputError) as caught:
+            read_runs([tmp_path / name])
+        assert str(caught.value).startswith(f"{tmp_path / name}: {sentence}")
+
+
+def test_a_curve_between_edges_is_what_was_delivered_there():
+    curve = Curve(np.array([100.0, 200.0, 400.0]), np.array([10.0, 30.0, 5.0]))
+    # 1, 3 and 1 pellets in 100, 100 and 200 decisions.
+    assert curve.between(np.array([0.0, 200.0, 400.0])) == pytest.approx([20.0, 5.0])
+    assert curve.between(np.array([0.0, 50.0, 150.0])) == pytest.approx([10.0, 20.0])
+
+
+def test_reading_runs_takes_no_torch(tmp_path):
+    made.folder(tmp_path / "a", "iql+s", 0, [4])
+    code = (
+        "import sys; from pathlib import Path; from robosim.experiments.runs import read_runs; "
+        f"print(len(read_runs([Path({str(tmp_path)!r})])), 'torch' in sys.modules, 'matplotlib' in sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout == "1 False False\n"
