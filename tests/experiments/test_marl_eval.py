@@ -1,4 +1,4 @@
-"""What marl-eval reads. Its own checker (`DiagnoseData` of id-marl-eval 0.0.4) asks what `check` asks here."""
+"""What marl-eval reads: `check` asks what `DiagnoseData` of id-marl-eval 0.0.4 asks, and more."""
 
 import numpy as np
 import pytest

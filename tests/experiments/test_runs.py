@@ -98,8 +98,8 @@ def test_a_run_given_twice_counts_once_and_two_that_contradict_are_refused(tmp_p
     with pytest.raises(InputError) as caught:
         read_runs([tmp_path])
     assert str(caught.value) == (
-        f"{tmp_path}/a and {tmp_path}/b are both iql+s with seed 0 in paper (grid world), 2 robots, episodes of "
-        "300 decisions, but with other results: give one of them."
+        f"{tmp_path}/a and {tmp_path}/b are both iql+s with seed 0 in {TASK}, "
+        "but with other results: give one of them."
     )
 
 
@@ -140,7 +140,8 @@ def damage(path, how):
         ("no evaluation", "{}: this run has no evaluation (evaluation.json): it was trained without."),
         (
             "not finished",
-            "{0}: this run has no evaluation (evaluation.json): `robosim train --resume {0}` goes on with it.",
+            "{0}: this run has no evaluation (evaluation.json): "
+            "`robosim train --resume {0}` goes on with it.",
         ),
         ("evaluation", "{}/evaluation.json: this is not the evaluation of a run."),
         ("field", "{}/evaluation.json: robots is 0, but must be a whole number from 1 to 1000."),
@@ -183,7 +184,8 @@ def test_reading_runs_takes_no_torch(tmp_path):
     made.folder(tmp_path / "a", "iql+s", 0, [4])
     code = (
         "import sys; from pathlib import Path; from robosim.experiments.runs import read_runs; "
-        f"print(len(read_runs([Path({str(tmp_path)!r})])), 'torch' in sys.modules, 'matplotlib' in sys.modules)"
+        f"runs = read_runs([Path({str(tmp_path)!r})]); "
+        "print(len(runs), 'torch' in sys.modules, 'matplotlib' in sys.modules)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
