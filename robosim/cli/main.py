@@ -32,7 +32,7 @@ DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play
 
 `--version` prints the version. `--debug` anywhere, or ROBOSIM_DEBUG=1, shows the traceback of a failure."""
 
-Subcommand = Demo | Arena | Train | Evaluate | Sweep | Play | Policy | Bench
+Subcommand = Demo | Arena | Train | Evaluate | Sweep | Compare | Play | Policy | Bench
 """A parsed command line, ready to run."""
 
 
@@ -116,6 +116,7 @@ def _subcommands(train: type[Train]) -> Any:
         "train": train,
         "evaluate": Evaluate,
         "sweep": Sweep,
+        "compare": Compare,
         "play": Play,
         "policy": Policy,
         "bench": Bench,

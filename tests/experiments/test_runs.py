@@ -140,8 +140,7 @@ def damage(path, how):
         ("no evaluation", "{}: this run has no evaluation (evaluation.json): it was trained without."),
         (
             "not finished",
-            "{0}: this run has no evaluation (evaluation.json): "
-            "`robosim train --resume {0}` goes on with it.",
+            "{0}: this run has no evaluation (evaluation.json): `robosim train --resume {0}` goes on with it",
         ),
         ("evaluation", "{}/evaluation.json: this is not the evaluation of a run."),
         ("field", "{}/evaluation.json: robots is 0, but must be a whole number from 1 to 1000."),

@@ -31,7 +31,8 @@ FEW = 200
 # What rliable 1.2.0 (arch 7.2.0) says of the scores in `test_rliable_says_the_same`: estimates, then bounds
 # of 95 % intervals by 20,000 resamples after np.random.seed(0). It was asked by
 #     from rliable import library, metrics
-#     library.get_interval_estimates({"A": A}, lambda s: np.array([metrics.aggregate_iqm(s), ...]), reps=20000)
+#     library.get_interval_estimates(
+#         {"A": A}, lambda s: np.array([metrics.aggregate_iqm(s), ...]), reps=20000)
 #     library.get_interval_estimates({"AB": (A, B)}, lambda x, y: np.array(
 #         [metrics.probability_of_improvement(x, y)]), reps=5000)
 #     library.create_performance_profile({"A": A}, np.array([0.0, 10.0, 20.0, 30.0]), reps=20000)
@@ -62,7 +63,7 @@ RLIABLE_PROFILE = [
 
 
 def rliable_scores():
-    rng = np.random.RandomState(7)  # noqa: NPY002 - that is what rliable was given
+    rng = np.random.RandomState(7)
     a = rng.randint(0, 40, size=(8, 3)).astype(float)
     b = rng.randint(5, 45, size=(6, 3)).astype(float)
     return {"A": a, "B": b, "first task of A": a[:, :1]}
