@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from robosim.arena import load_arena
+from robosim.envs.config import EnvConfig
 from robosim.errors import InputError
 from robosim.experiments import runs as module
+from robosim.experiments.jobs import run_job
+from robosim.experiments.results import append_result, this_machine
 from robosim.experiments.runs import Curve, Task, read_runs
+from robosim.experiments.team import Measuring, learning_job, measuring_job, work_off
 from robosim.learning import folder as names
 from robosim.learning.config import run_config
 from robosim.learning.trainer import train
@@ -44,6 +48,33 @@ def test_a_training_is_read_as_it_was(tmp_path):
     assert run.options["reward"] == "local"
     assert run.options["steps"] == 12
     assert not {"arena", "world", "robots", "seed", "workers"} & run.options.keys()
+
+
+def test_records_of_a_sweep_are_read_as_they_were(tmp_path):
+    config = run_config(
+        "iql+s", arena="paper", world="grid", robots=2, steps=40, num_envs=2, episode_steps=20, warmup=4,
+        hidden=(8,), seed=5,
+    )  # fmt: skip
+    measuring = Measuring(episodes=2, steps=100)
+    scripted = EnvConfig(arena="paper", world="grid", robots=2)
+    jobs = learning_job(config, measuring), measuring_job("lanes", scripted, 5, measuring)
+    results = [run_job(job, work_off, tmp_path / "work") for job in jobs]
+    for result in results:
+        append_result(tmp_path / "sweep.jsonl", result)
+    learned, lanes = read_runs([tmp_path / "sweep.jsonl"])
+    assert [(run.system, run.seed, run.task) for run in (learned, lanes)] == [
+        ("iql+s", 5, Task("paper", "grid", 100, 2)),
+        ("lanes", 5, Task("paper", "grid", 100, 2)),
+    ]
+    assert learned.curve.steps.tolist() == list(results[0].series["learned"])
+    assert lanes.curve is None
+    for run, result in zip((learned, lanes), results, strict=True):
+        assert run.figures == result.figures
+        assert run.score("pellets") == np.mean(result.figures["pellets"])
+        assert tuple(map(sum, run.delivered)) == result.figures["pellets"]
+        assert run.by_then[-1] == result.figures["pellets"][0]
+        assert run.machine == this_machine()
+    assert lanes.score("pellets") > 0.0
 
 
 def test_folders_results_and_evaluations_are_one_kind_of_run(tmp_path):
