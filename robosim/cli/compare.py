@@ -92,7 +92,7 @@ def lines_of(comparison: Comparison) -> list[str]:
     for table in comparison.tables:
         lines += [f"{table.task}: {comparison.metric} per episode", *_task_lines(table), ""]
     if comparison.overall:
-        count = sum(table.baseline is not None for table in comparison.tables)
+        count = sum(table.scale > 0.0 for table in comparison.tables)
         lines += [f"all {count} tasks, as shares of the baseline", *_overall_lines(comparison.overall), ""]
     return [*lines, *comparison.notes] if comparison.notes else lines[:-1]
 
@@ -100,21 +100,25 @@ def lines_of(comparison: Comparison) -> list[str]:
 def _task_lines(table: Table) -> list[str]:
     of = table.baseline
     head = ["system", "seeds", "episodes", "IQM, 95 % interval"]
+    if table.scale > 0.0:
+        head.append(f"share of {of}")
     if of is not None:
-        head += [f"share of {of}", f"better than {of}"]
+        head.append(f"better than {of}")
     rows = [head]
     for row in table.rows:
         cells = [row.system, str(len(row.seeds)), str(row.episodes), _written(row.iqm, 1)]
         if row.iqm.low is None and len(row.scores) > 1:
             cells[3] += f" ({', '.join(f'{score:.1f}' for score in row.scores)})"
+        if table.scale > 0.0:
+            cells.append(_written(row.normalised, 2))
         if of is not None:
-            cells += [_written(row.normalised, 2), _written(row.improvement, 2)]
+            cells.append(_written(row.improvement, 2))
         rows.append(cells)
     return _aligned(rows)
 
 
 def _overall_lines(systems: Sequence[Overall]) -> list[str]:
-    rows = [["system", "IQM", "median", "mean", "optimality gap", "better than the baseline"]]
+    rows = [["system", "IQM, 95 % interval", "median", "mean", "optimality gap", "better than it"]]
     for one in systems:
         estimates = (one.iqm, one.median, one.mean, one.optimality_gap, one.improvement)
         rows.append([one.system, *(_written(estimate, 2) for estimate in estimates)])

@@ -56,7 +56,9 @@ class Table:
 
     task: Task
     baseline: str | None
-    """System that the others are measured by; None where it has no runs here, or nothing to divide by."""
+    """System that the others are measured by; None where it has no runs here."""
+    scale: float
+    """Its interquartile mean, that normalised scores are shares of; 0 where nothing is normalised."""
     rows: Sequence[Row]
 
 
@@ -109,7 +111,7 @@ def compare(runs: Sequence[Run], metric: str = PELLETS, baseline: str | None = N
         f"{task}: {why}." for task in tasks if (why := _no_baseline(chosen[task], scales[task], baseline))
     ]
     tables = [_table(task, runs, scores, metric, chosen[task], scales[task]) for task in tasks]
-    usable = [table for table in tables if table.baseline is not None]
+    usable = [table for table in tables if table.scale > 0.0]
     systems = list(dict.fromkeys(row.system for table in usable for row in table.rows))
     whole = [name for name in systems if all((table.task, name) in scores for table in usable)]
     if len(usable) > 1 and (partial := [name for name in systems if name not in whole]):
@@ -163,23 +165,22 @@ def _baseline(task: Task, runs: Sequence[Run], scores: Scores, metric: str, aske
 
 
 def _scale(scores: Scores, task: Task, baseline: str | None) -> float:
-    """Return the baseline's interquartile mean, 0 where there is none."""
+    """Return the baseline's interquartile mean, 0 where there is none to divide by."""
     if baseline is None:
         return 0.0
-    return point(interquartile_mean, np.array(scores[task, baseline]))
+    return max(0.0, point(interquartile_mean, np.array(scores[task, baseline])))
 
 
 def _no_baseline(baseline: str | None, scale: float, asked: str | None) -> str:
     """Return why nothing is normalised in a task; empty where it is."""
     if baseline is None:
         return f"no runs of {asked or REFERENCE} here, so nothing is normalised"
-    return "" if scale > 0.0 else f"{baseline} has a score of {scale:g}, so nothing is normalised"
+    return "" if scale > 0.0 else f"{baseline} has no score above 0, so nothing is normalised"
 
 
 def _table(
     task: Task, runs: Sequence[Run], scores: Scores, metric: str, baseline: str | None, scale: float
 ) -> Table:
-    reference = baseline if scale > 0.0 else None
     rows = []
     for system in dict.fromkeys(run.system for run in runs if (run.task, run.system) in scores):
         if (task, system) not in scores:
@@ -197,12 +198,12 @@ def _table(
                 episodes=sum(len(run.figures[metric]) for run in own),
                 scores=values,
                 iqm=iqm,
-                normalised=_divided(iqm, scale) if reference else None,
+                normalised=_divided(iqm, scale) if scale > 0.0 else None,
                 improvement=better,
             )
         )
     rows.sort(key=lambda row: row.iqm.value, reverse=metric not in FEWER_IS_BETTER)
-    return Table(task, reference, rows)
+    return Table(task, baseline, scale, rows)
 
 
 def _overall(

@@ -134,5 +134,6 @@ def test_where_the_baseline_has_no_runs_or_no_score_nothing_is_normalised():
     assert rows(comparison, 1)["ours"].normalised is None
     assert comparison.notes[0] == (f"{FOUR}: no runs of lanes here, so nothing is normalised.")
     comparison = compare(runs("lanes", [0.0] * 3, episodes=1) + runs("ours", OURS))
-    assert comparison.tables[0].baseline is None
-    assert comparison.notes[0] == (f"{TWO}: lanes has a score of 0, so nothing is normalised.")
+    assert rows(comparison)["ours"].normalised is None
+    assert rows(comparison)["ours"].improvement.value == 1.0
+    assert comparison.notes[0] == (f"{TWO}: lanes has no score above 0, so nothing is normalised.")
