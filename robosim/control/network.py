@@ -18,8 +18,9 @@ from robosim.robot.drivers import NUM_ACTIONS
 LEAST_SQUARE = 1e-5
 """Added to the mean square by which hidden layers are normalised."""
 MOST_OUTPUTS = 1_000_000
-"""Of a network with joint action values: five actions of eight robots have 390,625 combinations."""
+"""Of a network that chooses for all robots: five actions of eight robots have 390,625 combinations."""
 
+Output = Literal["action values", "logits", "joint action values", "joint logits"]
 Floats = NDArray[np.float32]
 Weights = Mapping[str, NDArray[np.floating]]
 """`layer0.weight` [networks, in, out], `layer0.bias` [networks, out], `layer1.weight` and so on."""
@@ -44,10 +45,10 @@ class NetworkSpec(Record):
     """`rms`: a hidden layer is divided by its root mean square, after the activation (Zhang 2019)."""
     mask: bool = False
     """Blocked moves are not chosen (`robosim.discretise.observation.blocked_moves`)."""
-    output: Literal["action values", "logits", "joint action values"] = "action values"
-    """What comes out, of which the largest is chosen: a number for each action of a robot, or one for each
-    combination of the actions of all robots. Combination c is written in digits to base `actions`, robot 0's
-    action first: c = (a_0 * actions + a_1) * actions + a_2 and so on."""
+    output: Output = "action values"
+    """What comes out, of which the largest is chosen: a number for each action of a robot, or (`joint`) one
+    for each combination of the actions of all robots. Combination c is written in digits to base `actions`,
+    robot 0's action first: c = (a_0 * actions + a_1) * actions + a_2 and so on."""
     actions: int = Field(default=NUM_ACTIONS, ge=2, le=100)
     """Of a robot."""
     of_robot: Many[Annotated[int, Field(ge=0, le=999)]] = Field(min_length=1, max_length=1000)
@@ -68,7 +69,7 @@ class NetworkSpec(Record):
     @property
     def joint(self) -> bool:
         """Whether one network chooses for all robots."""
-        return self.output == "joint action values"
+        return self.output in ("joint action values", "joint logits")
 
     @property
     def shared(self) -> bool:
@@ -112,12 +113,12 @@ class NetworkSpec(Record):
             )
         if self.joint and (self.input != "team" or self.networks != 1):
             raise ValueError(
-                f'output is "joint action values" with input "{self.input}" and {self.networks} networks, '
+                f'output is {shown(self.output)} with input "{self.input}" and {self.networks} networks, '
                 'but must come from one network with input "team"'
             )
         if self.joint and self.robots * np.log(self.actions) > np.log(MOST_OUTPUTS):
             raise ValueError(
-                f'output is "joint action values" of {self.robots} robots with {self.actions} actions, but '
+                f"output is {shown(self.output)} of {self.robots} robots with {self.actions} actions, but "
                 f"must have at most {MOST_OUTPUTS} combinations"
             )
         if self.input == "team" and not self.joint and self.networks != self.robots:
@@ -171,7 +172,7 @@ class Networks:
     def outputs(self, observation: Floats) -> Floats:
         """Return what the networks put out, in float32, for `observation` [..., robots, size].
 
-        It is [..., robots, actions], or [..., actions ** robots] for joint action values. With a mask, what
+        It is [..., robots, actions], or [..., actions ** robots] where the output is joint. With a mask, what
         is blocked is minus infinity: a blocked move, and a combination in which any robot's move is.
         """
         spec, batch = self.spec, observation.shape[:-2]
@@ -184,7 +185,7 @@ class Networks:
         if self._gains is not None:
             blocked = np.asarray(blocked_moves(observation, self._gains), np.bool_)
             if spec.joint:
-                values[_combined(blocked)] = -np.inf
+                values[blocked_combinations(blocked)] = -np.inf
             else:
                 values[..., : blocked.shape[-1]][blocked] = -np.inf
         return values
@@ -214,7 +215,7 @@ class Networks:
         return hidden @ self._weights[-1] + self._biases[-1]
 
 
-def _combined(blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def blocked_combinations(blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which combinations [..., actions ** robots] hold one of the `blocked` moves [..., robots, 4]."""
     still = np.zeros((*blocked.shape[:-1], NUM_ACTIONS - blocked.shape[-1]), np.bool_)
     each = np.concatenate((blocked, still), axis=-1)

@@ -30,6 +30,10 @@ _TEAM = {"reward": "global", "sharing": "split"}
 """Each robot is paid an equal part of what the team brings: the paper's reading by which teams learn."""
 _LOCAL = {"reward": "local", "signed_distance": True}
 """Each robot is paid for what it does itself, and losing ground costs what gaining it pays."""
+_SHARED = {**_LOCAL, "stigmergy": True, "idle_cost": True, "parameters": "shared", "mask": True}
+"""All robots run one network, which does not choose blocked moves, and standing costs."""
+_MANY = {"num_envs": 32}
+"""PPO learns from what its present policy did alone, so it wants much of that at a time (Yu 2022)."""
 
 TECHNIQUES: dict[str, Technique] = {}
 _ALIASES = {"iql+gsc": "smadrl"}
@@ -60,6 +64,14 @@ _SHIPPED = (
         "The paper's S-MADRL, IQL+GSC in its tables.",
     ),
     Technique("ia2c", "ia2c", {"reward": "local", "stigmergy": False}, "The paper's I-A2C."),
+    Technique("maa2c", "maa2c", {**_TEAM, "stigmergy": False}, "The paper's MA-A2C."),
+    Technique("mappo", "ppo", {**_TEAM, **_MANY, "stigmergy": False, "critic": "team"}, "The paper's MAPPO."),
+    Technique(
+        "ippo",
+        "ppo",
+        {**_MANY, "reward": "local", "stigmergy": False},
+        "PPO with own rewards and critics, IPPO (de Witt 2020).",
+    ),
     Technique(
         "smadrl+",
         "dqn",
@@ -83,21 +95,18 @@ _SHIPPED = (
     Technique(
         "ps-dqn",
         "dqn",
-        {
-            **_LOCAL,
-            "stigmergy": True,
-            "idle_cost": True,
-            "parameters": "shared",
-            "normalisation": "rms",
-            "mask": True,
-        },
+        {**_SHARED, "normalisation": "rms"},
         "Ours: one network for all, normalised, which does not choose blocked moves.",
     ),
     Technique(
-        "ps-a2c",
-        "ia2c",
-        {**_LOCAL, "stigmergy": True, "idle_cost": True, "parameters": "shared", "mask": True},
-        "Ours: one actor and critic for all, which do not choose blocked moves.",
+        "ps-a2c", "ia2c", _SHARED, "Ours: one actor and critic for all, which do not choose blocked moves."
+    ),
+    Technique("ps-ippo", "ppo", {**_SHARED, **_MANY}, "Ours: the same, by PPO."),
+    Technique(
+        "ps-mappo",
+        "ppo",
+        {**_SHARED, **_MANY, "critic": "team"},
+        "Ours: the same, with a critic that sees all.",
     ),
 )
 for _one in _SHIPPED:

@@ -216,7 +216,7 @@ def starting_team(config: RunConfig, policy: Policy) -> tuple[AlgorithmConfig, A
     if card.robots <= robots or spec.shared:
         check_fit(policy, evaluation_env(config, 1, 0, min(card.robots, robots)), start)
     actors = Actors(spec.changed(precision="float32"), policy.weights())
-    if algorithm.shares_parameters:
+    if algorithm.shares_parameters and spec.shared:
         # One network drives a team of any size.
         actors = Actors(actors.spec.changed(of_robot=(0,) * robots), actors.weights)
     return algorithm, actors

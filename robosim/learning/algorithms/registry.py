@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 _SHIPPED = {
     "dqn": "robosim.learning.algorithms.dqn.config:DqnConfig",
     "ia2c": "robosim.learning.algorithms.ia2c:Ia2cConfig",
+    "maa2c": "robosim.learning.algorithms.maa2c:MaA2cConfig",
+    "ppo": "robosim.learning.algorithms.ppo:PpoConfig",
 }
 """Module and class of each configuration; loaded when asked for, since it may bring torch."""
 _REGISTERED: dict[str, type[AlgorithmConfig]] = {}

@@ -1,0 +1,96 @@
+"""A joint-action advantage actor-critic (MA-A2C): one actor and one critic for the whole team.
+
+The actor sees the observations of all robots and chooses among all combinations of their actions; it learns
+from the team's mean reward. There are actions ** robots combinations, so it is for small teams.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from robosim.control.network import NetworkSpec, blocked_combinations
+from robosim.discretise.observation import blocked_moves
+from robosim.errors import InputError
+from robosim.learning.algorithms.actor_critic import ActorCriticConfig, AdvantageActorCritic, Floats
+from robosim.learning.algorithms.protocol import Actors, Experience, Task
+
+MOST_COMBINATIONS = 400_000
+"""Of the actions of all robots."""
+
+
+class MaA2cConfig(ActorCriticConfig):
+    """Joint-action advantage actor-critic."""
+
+    actor_kind = ("team", "joint logits")
+
+    name: Literal["maa2c"] = "maa2c"
+    """Of the algorithm."""
+
+    @property
+    def shares_parameters(self) -> bool:
+        return True
+
+    def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> MaA2c:
+        return MaA2c(self, task, seed, start)
+
+
+class MaA2c(AdvantageActorCritic):
+    """The team as a single robot: it sees what all see, and its actions are the combinations of theirs."""
+
+    def __init__(
+        self, config: MaA2cConfig, task: Task, seed: np.random.SeedSequence, start: Actors | None = None
+    ) -> None:
+        """`start` gives the actor; the critic always begins anew."""
+        _require_few(task)
+        spec = NetworkSpec(
+            input="team",
+            inputs=task.robots * task.size,
+            hidden=config.hidden,
+            activation=config.activation,
+            mask=config.mask and task.gains is not None,
+            output="joint logits",
+            actions=task.num_actions,
+            of_robot=(0,) * task.robots,
+        )
+        super().__init__(config, task, seed, start, spec)
+        self._digits = (task.num_actions,) * task.robots
+
+    def act(self, observation: Floats, progress: float) -> NDArray[np.int64]:
+        chosen = super().act(_as_one(observation), progress)[:, 0]
+        return np.stack(np.unravel_index(chosen, self._digits), axis=-1)
+
+    def observe(self, experience: Experience) -> None:
+        joint = np.ravel_multi_index(tuple(np.moveaxis(experience.action, -1, 0)), self._digits)
+        super().observe(
+            experience._replace(
+                observation=_as_one(experience.observation),
+                action=np.asarray(joint, np.int64)[:, None],
+                reward=experience.reward.mean(axis=1, keepdims=True),
+                final_observation=_as_one(experience.final_observation),
+                next_observation=_as_one(experience.next_observation),
+            )
+        )
+
+    def _blocked(self, observation: Tensor, gains: tuple[int, int]) -> Tensor:
+        each = observation.reshape(*observation.shape[:-1], self.task.robots, self.task.size)
+        return torch.from_numpy(blocked_combinations(blocked_moves(each, gains).numpy()))
+
+
+def _as_one(observation: Floats) -> Floats:
+    """Return [envs, 1, robots * size] of observations [envs, robots, size]."""
+    return observation.reshape(len(observation), 1, -1)
+
+
+def _require_few(task: Task) -> None:
+    most = int(np.log(MOST_COMBINATIONS) / np.log(task.num_actions))
+    if task.robots > most:
+        raise InputError(
+            f'robots is {task.robots}, but must be at most {most} for the algorithm "maa2c": one actor for '
+            f"all has an output for each combination of their {task.num_actions} actions, "
+            f"{task.num_actions**task.robots} of them."
+        )
