@@ -71,21 +71,22 @@ def test_outputs_are_those_of_each_robots_own_network(
         np.testing.assert_allclose(outputs[place], plain, rtol=1e-3, atol=1e-3)
 
 
-def joint_spec(robots, mask=False, size=8):
+def joint_spec(robots, mask=False, size=8, output="joint action values"):
     return NetworkSpec(
         input="team",
         inputs=robots * size,
         hidden=(16,),
-        output="joint action values",
+        output=output,
         mask=mask,
         of_robot=(0,) * robots,
     )
 
 
+@pytest.mark.parametrize("output", ["joint action values", "joint logits"])
 @pytest.mark.parametrize("mask", [False, True])
 @pytest.mark.parametrize("robots", [1, 2, 3])
-def test_joint_values_are_decoded_with_the_first_robot_as_the_most_significant_digit(robots, mask):
-    spec = joint_spec(robots, mask)
+def test_joint_outputs_are_decoded_with_the_first_robot_as_the_most_significant_digit(robots, mask, output):
+    spec = joint_spec(robots, mask, output=output)
     rng = np.random.default_rng(robots)
     weights = weights_of(spec)
     observation = rng.uniform(-0.99, 1, (40, robots, 8)).astype(np.float32)
@@ -176,6 +177,13 @@ JOINT = {"output": "joint action values"}
             JOINT,
             (
                 'output is "joint action values" with input "own" and 1 networks, '
+                'but must come from one network with input "team".'
+            ),
+        ),
+        (
+            {"output": "joint logits", "of_robot": [0, 1], "input": "team", "inputs": 8},
+            (
+                'output is "joint logits" with input "team" and 2 networks, '
                 'but must come from one network with input "team".'
             ),
         ),

@@ -78,8 +78,9 @@ def test_robots_may_run_one_stored_network(tmp_path, card_of, weights_of):
     assert str(caught.value) == "weights: the shape of layer0.bias is [3, 16], but must be [2, 16]."
 
 
-def test_one_network_may_choose_for_the_whole_team(tmp_path, card_of, weights_of):
-    joint = {"input": "team", "inputs": 21, "of_robot": (0, 0, 0), "output": "joint action values"}
+@pytest.mark.parametrize("output", ["joint action values", "joint logits"])
+def test_one_network_may_choose_for_the_whole_team(tmp_path, card_of, weights_of, output):
+    joint = {"input": "team", "inputs": 21, "of_robot": (0, 0, 0), "output": output}
     card = card_of(network=joint)
     weights = weights_of(card)
     save_policy(tmp_path / "p", weights, card)

@@ -143,7 +143,7 @@ def test_techniques_are_what_the_paper_and_we_say():
             reward.idle_cost,
             config.env.stigmergy,
             config.schedule.curriculum,
-            config.algorithm.parameters,
+            getattr(config.algorithm, "parameters", None),
             config.algorithm.mask,
         )
     assert facts == {
@@ -153,10 +153,22 @@ def test_techniques_are_what_the_paper_and_we_say():
         "smadrl": ("dqn", "global", False, False, True, True, "own", False),
         "smadrl+": ("dqn", "global", True, True, True, True, "own", True),
         "ia2c": ("ia2c", "local", False, False, False, False, "own", False),
+        "maa2c": ("maa2c", "global", False, False, False, False, None, False),
+        "mappo": ("ppo", "global", False, False, False, False, "own", False),
+        "ippo": ("ppo", "local", False, False, False, False, "own", False),
         "iql+s": ("dqn", "local", True, False, True, False, "own", False),
         "iql+sc": ("dqn", "local", True, False, True, True, "own", False),
         "ps-dqn": ("dqn", "local", True, True, True, False, "shared", True),
         "ps-a2c": ("ia2c", "local", True, True, True, False, "shared", True),
+        "ps-ippo": ("ppo", "local", True, True, True, False, "shared", True),
+        "ps-mappo": ("ppo", "local", True, True, True, False, "shared", True),
+    }
+    critics = {name: getattr(run_config(name).algorithm, "critic", None) for name in TECHNIQUES}
+    assert {name: critic for name, critic in critics.items() if critic} == {
+        "mappo": "team",
+        "ippo": "own",
+        "ps-ippo": "own",
+        "ps-mappo": "team",
     }
     assert [
         name for name in TECHNIQUES if getattr(run_config(name).algorithm, "normalisation", "") == "rms"

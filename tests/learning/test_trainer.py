@@ -34,7 +34,8 @@ SMALL = {"steps": 240, "num_envs": 2, "episode_steps": 60, "evaluation_steps": 6
 
 def short(technique="iql+s", **options):
     """Return the configuration of a run that takes a moment."""
-    own = {"hidden": (16, 16, 16)} | ({} if "a2c" in technique else {"warmup": 40})
+    replays = "warmup" in type(run_config(technique).algorithm).model_fields
+    own = {"hidden": (16, 16, 16)} | ({"warmup": 40} if replays else {})
     return run_config(technique, **{**SMALL, **own, **options})
 
 
@@ -512,7 +513,8 @@ def test_a_disk_that_is_full_ends_the_run_with_a_sentence_and_keeps_the_checkpoi
 @pytest.mark.parametrize("actions", ["cardinal", "wheels"])
 @pytest.mark.parametrize("encoding", ["paper", "expanded"])
 @pytest.mark.parametrize(
-    "technique", ["iql", "iql+g", "iql+gs", "smadrl", "smadrl+", "ps-dqn", "ia2c", "ps-a2c"]
+    "technique",
+    ["iql", "iql+g", "iql+gs", "smadrl", "smadrl+", "ps-dqn", "ia2c", "ps-a2c", "maa2c", "mappo", "ps-mappo"],
 )
 def test_every_technique_trains_with_every_kind_of_action_and_observation(
     tmp_path, technique, encoding, actions
@@ -522,7 +524,7 @@ def test_every_technique_trains_with_every_kind_of_action_and_observation(
     assert rows[-1].step >= 120
     card = load_policy(tmp_path / "run").card
     assert (card.technique.name, card.env.encoding, card.env.actions) == (technique, encoding, actions)
-    assert card.env.stigmergy is (technique not in ("iql", "iql+g", "ia2c"))
+    assert card.env.stigmergy is (technique not in ("iql", "iql+g", "ia2c", "maa2c", "mappo"))
     assert result.evaluation.robots == 3
 
 

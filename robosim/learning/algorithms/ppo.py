@@ -44,6 +44,12 @@ class PpoConfig(OwnActorsConfig):
 
     name: Literal["ppo"] = "ppo"
     """Of the algorithm."""
+    rollout: int = Field(default=32, ge=1, le=10_000)
+    """Decisions of every environment in an update."""
+    learning_rate: float = Field(default=1e-3, ge=1e-8, le=1)
+    """Step size of Adam at the start."""
+    entropy_weight: float = Field(default=0.05, ge=0, le=100)
+    """Of the entropy of what the actor chooses, which keeps it trying."""
     critic: Literal["own", "team"] = "own"
     """What a critic sees: its robot's observation, or those of all robots that learn."""
     epochs: int = Field(default=4, ge=1, le=1000)
