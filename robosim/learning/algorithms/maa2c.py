@@ -13,14 +13,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from robosim.control.network import NetworkSpec, blocked_combinations
+from robosim.control.network import MOST_OUTPUTS, NetworkSpec, blocked_combinations
 from robosim.discretise.observation import blocked_moves
 from robosim.errors import InputError
 from robosim.learning.algorithms.actor_critic import ActorCriticConfig, AdvantageActorCritic, Floats
 from robosim.learning.algorithms.protocol import Actors, Experience, Task
-
-MOST_COMBINATIONS = 400_000
-"""Of the actions of all robots."""
 
 
 class MaA2cConfig(ActorCriticConfig):
@@ -87,7 +84,7 @@ def _as_one(observation: Floats) -> Floats:
 
 
 def _require_few(task: Task) -> None:
-    most = int(np.log(MOST_COMBINATIONS) / np.log(task.num_actions))
+    most = int(np.log(MOST_OUTPUTS + 0.5) / np.log(task.num_actions))
     if task.robots > most:
         raise InputError(
             f'robots is {task.robots}, but must be at most {most} for the algorithm "maa2c": one actor for '
