@@ -510,6 +510,19 @@ def test_a_disk_that_is_full_ends_the_run_with_a_sentence_and_keeps_the_checkpoi
     assert weights(folder) == weights(tmp_path / "whole")
 
 
+def test_a_network_for_the_whole_team_goes_on_with_a_team_of_that_size_alone(tmp_path):
+    options = {"steps": 60, "evaluation_episodes": 0, "learning_rate": 1e-8}
+    run(tmp_path / "two", short("maa2c", robots=2, **options))
+    start = str(tmp_path / "two")
+    run(tmp_path / "again", short("maa2c", robots=2, seed=1, start_from=start, **options))
+    before, after = (load_policy(tmp_path / name).weights() for name in ("two", "again"))
+    for name, array in before.items():
+        np.testing.assert_allclose(after[name], array, atol=1e-6)
+    with pytest.raises(InputError) as caught:
+        run(tmp_path / "no", short("maa2c", robots=3, start_from=start, **options))
+    assert str(caught.value) == "start_from holds 2 robots, but must hold the team's 3 without a curriculum."
+
+
 @pytest.mark.parametrize("actions", ["cardinal", "wheels"])
 @pytest.mark.parametrize("encoding", ["paper", "expanded"])
 @pytest.mark.parametrize(
