@@ -82,6 +82,11 @@ _LENGTH = 5000
 """Decisions in the episodes that the table is about."""
 _COLUMNS = ("name", "arena", "robots", "technique", f"pellets in {_LENGTH} decisions", "of lanes", "size")
 _WIDTH_PIPED = 220
+_NORMALISED = {
+    "none": (),
+    "rms": ("layers over their root mean square",),
+    "layer": ("layers of mean 0 and variance 1",),
+}
 """Wider than the table, so that nothing that is piped is wrapped."""
 
 
@@ -196,7 +201,7 @@ def _network(network: NetworkSpec) -> list[tuple[str, str]]:
     makes = (
         f"{network.output} from {seen}",
         network.activation,
-        *(["layers over their root mean square"] if network.normalisation == "rms" else []),
+        *_NORMALISED[network.normalisation],
         *(["blocked moves are not chosen"] if network.mask else []),
     )
     return [("network", f"{sizes}, {owners}, stored as {network.precision}"), ("", ", ".join(makes))]

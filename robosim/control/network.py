@@ -16,7 +16,8 @@ from robosim.records import Many, Record
 from robosim.robot.drivers import NUM_ACTIONS
 
 LEAST_SQUARE = 1e-5
-"""Added to the mean square by which hidden layers are normalised."""
+"""Added to the mean square, or to the variance, by which hidden layers are normalised."""
+Normalisation = Literal["none", "rms", "layer"]
 MOST_OUTPUTS = 1_000_000
 """Of a network that chooses for all robots: five actions of eight robots have 390,625 combinations."""
 
@@ -41,8 +42,10 @@ class NetworkSpec(Record):
     """Widths of the hidden layers."""
     activation: Literal["relu", "tanh"] = "relu"
     """Of the hidden layers."""
-    normalisation: Literal["none", "rms"] = "none"
-    """`rms`: a hidden layer is divided by its root mean square, after the activation (Zhang 2019)."""
+    normalisation: Normalisation = "none"
+    """`rms`: a hidden layer is divided by its root mean square, after the activation (Zhang 2019). `layer`:
+    it is brought to mean 0 and variance 1 before the activation (Ba 2016). Neither has learned gains or
+    biases: the next layer's weights can do most of what those would."""
     mask: bool = False
     """Blocked moves are not chosen (`robosim.discretise.observation.blocked_moves`)."""
     output: Output = "action values"
@@ -205,14 +208,22 @@ class Networks:
         for weight, bias in zip(self._weights[:-1], self._biases[:-1], strict=True):
             hidden = hidden @ weight
             hidden += bias
+            if self.spec.normalisation == "layer":
+                hidden -= np.mean(hidden, axis=-1, keepdims=True)
+                hidden /= _size(hidden)
             if self.spec.activation == "relu":
                 np.maximum(hidden, 0.0, out=hidden)
             else:
                 np.tanh(hidden, out=hidden)
             if self.spec.normalisation == "rms":
-                square = np.mean(hidden * hidden, axis=-1, keepdims=True)
-                hidden /= np.sqrt(square + np.float32(LEAST_SQUARE))
+                hidden /= _size(hidden)
         return hidden @ self._weights[-1] + self._biases[-1]
+
+
+def _size(hidden: Floats) -> Floats:
+    """Return the root mean square of each row of `hidden` [..., width], a little enlarged, [..., 1]."""
+    size: Floats = np.sqrt(np.mean(hidden * hidden, axis=-1, keepdims=True) + np.float32(LEAST_SQUARE))
+    return size
 
 
 def blocked_combinations(blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -256,14 +267,16 @@ def _check_overflow(spec: NetworkSpec, weights: Weights, place: str) -> None:
         last = layer == len(spec.layers) - 1
         largest = bound * np.abs(weights[f"layer{layer}.weight"]).sum(axis=1, dtype=np.float64)
         bound = float((largest + np.abs(weights[f"layer{layer}.bias"])).max())
-        normalised = spec.normalisation == "rms" and not last
         tanh = spec.activation == "tanh" and not last
-        # Where layers are normalised, the sum of the squares of what they put out must be finite too.
-        limit = (most / outputs) ** 0.5 if normalised and not tanh else most
+        layer_norm, rms = (spec.normalisation == name and not last for name in ("layer", "rms"))
+        # Where layers are normalised, the sum of the squares of what goes in must be finite too; numbers less
+        # their mean may be twice as large.
+        squared = layer_norm or (rms and not tanh)
+        limit = (most / outputs) ** 0.5 / (1 + layer_norm) if squared else most
         if bound > limit:
             raise InputError(
                 f"{place}: numbers in layer{layer} may reach {bound:.1e}, but must stay below {limit:.1e}, "
                 "or they overflow."
             )
-        if tanh or normalised:
-            bound = outputs**0.5 if normalised else 1.0
+        if rms or layer_norm or tanh:
+            bound = 1.0 if tanh and not rms else outputs**0.5

@@ -87,6 +87,13 @@ _SHIPPED = (
         },
         "Ours: the paper's four ideas (own networks, stigmergy, team reward, curriculum) with our learner.",
     ),
+    Technique("pqn", "pqn", {"reward": "local", "stigmergy": False, "num_envs": 32}, "PQN, own networks."),
+    Technique(
+        "pqn-vdn",
+        "pqn",
+        {"reward": "global", "stigmergy": False, "num_envs": 32, "mixer": "sum"},
+        "PQN with the team's value as the sum of the robots' values.",
+    ),
     # Ours: without the noise of what others earn, and with no pay for going to and fro.
     Technique("iql+s", "dqn", {**_LOCAL, "stigmergy": True}, "Ours: own rewards, signed."),
     Technique(

@@ -23,6 +23,8 @@ def plain_network(spec, weights, network, numbers):
         weight, bias = weights[f"layer{layer}.weight"][network], weights[f"layer{layer}.bias"][network]
         values = np.array([values @ column + b for column, b in zip(weight.T, bias, strict=True)], float)
         if layer < len(spec.layers) - 1:
+            if spec.normalisation == "layer":
+                values = (values - values.mean()) / np.sqrt(values.var() + 1e-5)
             values = np.maximum(values, 0) if spec.activation == "relu" else np.tanh(values)
             if spec.normalisation == "rms":
                 values = values / np.sqrt((values**2).mean() + 1e-5)
@@ -38,7 +40,7 @@ kinds = st.sampled_from([("own", "action values"), ("own", "logits"), ("team", "
     robots=st.integers(1, 4),
     groups=st.integers(1, 4),
     activation=st.sampled_from(["relu", "tanh"]),
-    normalisation=st.sampled_from(["none", "rms"]),
+    normalisation=st.sampled_from(["none", "rms", "layer"]),
     precision=st.sampled_from(["float32", "float16"]),
     batch=st.sampled_from([(), (1,), (3,), (2, 2)]),
     hidden=st.lists(st.integers(1, 6), min_size=1, max_size=3),
@@ -255,7 +257,7 @@ def test_weights_that_do_not_fit_are_refused(change, sentence):
 @given(
     exponent=st.floats(0, 38),
     activation=st.sampled_from(["relu", "tanh"]),
-    normalisation=st.sampled_from(["none", "rms"]),
+    normalisation=st.sampled_from(["none", "rms", "layer"]),
     seed=st.integers(0, 100),
 )
 def test_what_is_accepted_never_overflows(exponent, activation, normalisation, seed):

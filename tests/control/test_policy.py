@@ -26,6 +26,9 @@ def slow_action(weights, card, robot, observation):
     for layer in range(len(card.network.layers)):
         hidden = hidden @ weights[f"layer{layer}.weight"][robot] + weights[f"layer{layer}.bias"][robot]
         if layer < len(card.network.layers) - 1:
+            if card.network.normalisation == "layer":
+                wide = hidden.astype(float)
+                hidden = (wide - wide.mean()) / np.sqrt(wide.var() + 1e-5)
             hidden = np.where(hidden > 0, hidden, 0)
             if card.network.normalisation == "rms":
                 hidden = hidden / np.sqrt(np.mean(hidden.astype(float) ** 2) + 1e-5)
@@ -34,7 +37,7 @@ def slow_action(weights, card, robot, observation):
 
 @pytest.mark.parametrize("batch", [(), (1,), (4,), (2, 3)])
 @pytest.mark.parametrize("precision", ["float32", "float16"])
-@pytest.mark.parametrize("normalisation", ["none", "rms"])
+@pytest.mark.parametrize("normalisation", ["none", "rms", "layer"])
 def test_acts_as_each_robots_own_network(tmp_path, card_of, weights_of, batch, precision, normalisation):
     card = card_of(network={"normalisation": normalisation, "precision": precision})
     weights = weights_of(card)
@@ -159,7 +162,7 @@ def test_few_stored_networks_cannot_fill_the_memory(tmp_path, card_of):
     assert "need more than 2000000000 bytes, the most a policy may take." in refused(folder)
 
 
-@pytest.mark.parametrize("normalisation", ["none", "rms"])
+@pytest.mark.parametrize("normalisation", ["none", "rms", "layer"])
 def test_weights_that_overflow_together_are_refused_in_both_directions(
     folder, card_of, weights_of, normalisation
 ):

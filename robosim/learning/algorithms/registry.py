@@ -15,6 +15,7 @@ _SHIPPED = {
     "ia2c": "robosim.learning.algorithms.ia2c:Ia2cConfig",
     "maa2c": "robosim.learning.algorithms.maa2c:MaA2cConfig",
     "ppo": "robosim.learning.algorithms.ppo:PpoConfig",
+    "pqn": "robosim.learning.algorithms.pqn:PqnConfig",
 }
 """Module and class of each configuration; loaded when asked for, since it may bring torch."""
 _REGISTERED: dict[str, type[AlgorithmConfig]] = {}

@@ -55,7 +55,7 @@ class DoubleDqn:
     def update(self, progress: float) -> dict[str, float]:
         config, learner = self.config, self.learner
         rate = config.learning_rate_at(progress)
-        due = int(max(0, self._decisions - config.warmup) * config.updates_per_step)
+        due = config.updates_due(self._decisions)
         while learner.replay.length and learner.updates < due:
             learner.update(rate)
         return {
@@ -109,13 +109,11 @@ def make_learner(config: DqnConfig, task: Task, seed: np.random.SeedSequence) ->
     shape = NetworkShape(
         networks, task.size, config.hidden, task.num_actions, normalised=config.normalisation == "rms"
     )
-    # More room than there are decisions would be reserved in vain.
-    capacity = max(min(config.replay_capacity, task.decisions + task.num_envs), task.num_envs)
     settings = DqnSettings(
         discount=config.discount**config.return_steps,
         batch_size=config.batch_size * each,
         target_interval=config.target_interval,
-        replay_capacity=capacity * each,
+        replay_capacity=config.capacity(task) * each,
         reward_scale=config.reward_scale,
         gains=task.gains if config.mask else None,
     )

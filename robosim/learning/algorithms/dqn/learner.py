@@ -11,9 +11,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from robosim.discretise.observation import blocked_moves, mask_blocked_moves
+from robosim.discretise.observation import blocked_moves
 from robosim.errors import InputError
 from robosim.learning.algorithms.dqn.replay import Batch, Replay
+from robosim.learning.algorithms.values import epsilon_greedy
 from robosim.learning.computing import denormals_flushed, find_device
 from robosim.learning.networks import (
     CPU,
@@ -108,14 +109,9 @@ class StackedDoubleDQN:
 
         `epsilon` is one number, or [envs, 1].
         """
-        shape = observation.shape[:2]
-        # Both draws are always made, so that the stream of numbers does not depend on the outcome.
-        explores = self._explore.random(shape) < epsilon
-        drawn = self._explore.integers(self.shape.outputs, size=shape)
-        if explores.all():
-            return drawn
-        values = mask_blocked_moves(self.values(observation), observation, self.settings.gains)
-        return np.where(explores, drawn, values.argmax(axis=-1))
+        return epsilon_greedy(
+            self._explore, self.values, observation, epsilon, self.shape.outputs, self.settings.gains
+        )
 
     def update(self, learning_rate: float) -> None:
         """Make one step of Adam on a fresh batch of each robot's own experience."""

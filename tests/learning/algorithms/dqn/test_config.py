@@ -41,3 +41,8 @@ def test_it_starts_from_networks_of_its_own_kind_and_takes_over_their_layers_and
             DqnConfig(hidden=(8,)).starting_from(spec.changed(**wrong))
     with pytest.raises(InputError, match="has a network for each robot, but must have one for all"):
         DqnConfig(hidden=(8,), parameters="shared").starting_from(spec)
+    with pytest.raises(InputError) as caught:
+        DqnConfig(hidden=(8,)).starting_from(spec.changed(normalisation="layer"))
+    assert str(caught.value) == (
+        'has layers with normalisation "layer", but must have "none" or "rms" for the algorithm "dqn".'
+    )
