@@ -73,6 +73,31 @@ _SHIPPED = (
         "PPO with own rewards and critics, IPPO (de Witt 2020).",
     ),
     Technique(
+        "madqn",
+        "madqn",
+        {**_TEAM, "stigmergy": False},
+        "The paper's MA-DQN: one network chooses for all robots.",
+    ),
+    Technique(
+        "vdn",
+        "qmix",
+        {**_TEAM, "stigmergy": False, "mixer": "sum"},
+        "VDN: the team's value is the sum of the robots' values.",
+    ),
+    Technique(
+        "qmix",
+        "qmix",
+        {**_TEAM, "stigmergy": False},
+        "QMIX: the team's value grows with each robot's value.",
+    ),
+    Technique("pqn", "pqn", {"reward": "local", "stigmergy": False, "num_envs": 32}, "PQN, own networks."),
+    Technique(
+        "pqn-vdn",
+        "pqn",
+        {**_TEAM, "stigmergy": False, "num_envs": 32, "mixer": "sum"},
+        "PQN with the team's value as the sum of the robots' values.",
+    ),
+    Technique(
         "smadrl+",
         "dqn",
         {
@@ -86,13 +111,6 @@ _SHIPPED = (
             "fine_tune": 0.5,
         },
         "Ours: the paper's four ideas (own networks, stigmergy, team reward, curriculum) with our learner.",
-    ),
-    Technique("pqn", "pqn", {"reward": "local", "stigmergy": False, "num_envs": 32}, "PQN, own networks."),
-    Technique(
-        "pqn-vdn",
-        "pqn",
-        {"reward": "global", "stigmergy": False, "num_envs": 32, "mixer": "sum"},
-        "PQN with the team's value as the sum of the robots' values.",
     ),
     # Ours: without the noise of what others earn, and with no pay for going to and fro.
     Technique("iql+s", "dqn", {**_LOCAL, "stigmergy": True}, "Ours: own rewards, signed."),

@@ -53,7 +53,7 @@ def test_config_survives_its_file(tmp_path_factory, technique, arena, learning_r
             '[algorithm]\nname = "ia2c"\nepsilon_end = 0.1',
             'algorithm: "epsilon_end" is not an option: did you mean learning_rate_end?',
         ),
-        ('[algorithm]\nname = "dqm"', 'algorithm: unknown algorithm "dqm": did you mean dqn?'),
+        ('[algorithm]\nname = "dqm"', 'algorithm: unknown algorithm "dqm": did you mean dqn or qmix or madqn?'),
         (
             "[algorithm]\nepsilon_start = 0.01",
             "algorithm: epsilon_end is 0.02, but must be a number of at most epsilon_start, 0.01.",
@@ -143,8 +143,8 @@ def test_techniques_are_what_the_paper_and_we_say():
             reward.idle_cost,
             config.env.stigmergy,
             config.schedule.curriculum,
-            getattr(config.algorithm, "parameters", None),
-            config.algorithm.mask,
+            getattr(config.algorithm, "parameters", "one"),
+            getattr(config.algorithm, "mask", False),
         )
     assert facts == {
         "iql": ("dqn", "local", False, False, False, False, "own", False),
@@ -159,6 +159,9 @@ def test_techniques_are_what_the_paper_and_we_say():
         "iql+s": ("dqn", "local", True, False, True, False, "own", False),
         "iql+sc": ("dqn", "local", True, False, True, True, "own", False),
         "ps-dqn": ("dqn", "local", True, True, True, False, "shared", True),
+        "madqn": ("madqn", "global", False, False, False, False, "one", False),
+        "vdn": ("qmix", "global", False, False, False, False, "shared", False),
+        "qmix": ("qmix", "global", False, False, False, False, "shared", False),
         "pqn": ("pqn", "local", False, False, False, False, "own", False),
         "pqn-vdn": ("pqn", "global", False, False, False, False, "own", False),
         "ps-pqn": ("pqn", "local", True, True, True, False, "shared", True),

@@ -15,7 +15,9 @@ _SHIPPED = {
     "ia2c": "robosim.learning.algorithms.ia2c:Ia2cConfig",
     "maa2c": "robosim.learning.algorithms.maa2c:MaA2cConfig",
     "ppo": "robosim.learning.algorithms.ppo:PpoConfig",
+    "madqn": "robosim.learning.algorithms.madqn:MadqnConfig",
     "pqn": "robosim.learning.algorithms.pqn:PqnConfig",
+    "qmix": "robosim.learning.algorithms.qmix.config:QmixConfig",
 }
 """Module and class of each configuration; loaded when asked for, since it may bring torch."""
 _REGISTERED: dict[str, type[AlgorithmConfig]] = {}

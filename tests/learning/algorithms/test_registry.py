@@ -12,7 +12,7 @@ from robosim.learning.config import RunConfig
 def test_algorithms_that_ship_are_found_by_name():
     assert find_algorithm("dqn") is DqnConfig
     assert find_algorithm("ia2c") is Ia2cConfig
-    assert {"dqn", "ia2c", "pqn"} <= set(algorithm_names())
+    assert {"dqn", "ia2c", "madqn", "pqn", "qmix"} <= set(algorithm_names())
     with pytest.raises(InputError, match='unknown algorithm "dqm": did you mean dqn'):
         find_algorithm("dqm")
 

@@ -83,15 +83,17 @@ class Replay:
         numbers = np.stack((actions, rewards, goes_on), axis=2, dtype=np.float32, casting="same_kind")
         self._store(torch.from_numpy(pairs).transpose(0, 1), torch.from_numpy(numbers).transpose(0, 1))
 
-    def sample(self, rng: np.random.Generator, batch: Batch) -> None:
+    def sample(self, rng: np.random.Generator, batch: Batch, together: bool = False) -> None:
         """Fill `batch` with transitions of each robot, drawn uniformly, independently, with replacement.
 
+        With `together` the draw is one for all robots, so that the i-th of each are of the same decision.
         ValueError while there are none.
         """
         if not self.added:
             raise ValueError("the replay is empty")
         # `Generator.integers` takes twice as long for so few numbers.
-        places = (rng.random(batch.rewards.shape[:2]) * self.length).astype(np.int64)
+        robots, transitions = batch.rewards.shape[:2]
+        places = (rng.random((1 if together else robots, transitions)) * self.length).astype(np.int64)
         rows = (places + self._first_rows).ravel()
         in_pairs = np.concatenate((2 * rows, 2 * rows + 1))
         device = self._pairs.device
