@@ -53,7 +53,10 @@ def test_config_survives_its_file(tmp_path_factory, technique, arena, learning_r
             '[algorithm]\nname = "ia2c"\nepsilon_end = 0.1',
             'algorithm: "epsilon_end" is not an option: did you mean learning_rate_end?',
         ),
-        ('[algorithm]\nname = "dqm"', 'algorithm: unknown algorithm "dqm": did you mean dqn or qmix or madqn?'),
+        (
+            '[algorithm]\nname = "dqm"',
+            'algorithm: unknown algorithm "dqm": did you mean dqn or qmix or madqn?',
+        ),
         (
             "[algorithm]\nepsilon_start = 0.01",
             "algorithm: epsilon_end is 0.02, but must be a number of at most epsilon_start, 0.01.",
