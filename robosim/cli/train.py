@@ -33,9 +33,8 @@ class Train:
     """Let a team of robots learn, and keep the run in a folder: policy, metrics, config, evaluation."""
 
     technique: str = "ps-dqn"
-    """Preset that the other options start from: iql, iql+g, iql+gs, smadrl, ia2c, maa2c and mappo as in the
-    paper; ippo; smadrl+, iql+s, iql+sc, ps-dqn, ps-a2c, ps-ippo and ps-mappo are ours. It also says which
-    algorithm's options there are."""
+    """Preset that the other options start from (docs/learning.md lists them). It also says which algorithm's
+    options there are."""
     out: Path | None = None
     """New or empty folder for the run; by default runs/ARENA-ROBOTS-TECHNIQUE-SEED."""
     resume: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None

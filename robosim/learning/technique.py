@@ -33,10 +33,10 @@ _LOCAL = {"reward": "local", "signed_distance": True}
 _SHARED = {**_LOCAL, "stigmergy": True, "idle_cost": True, "parameters": "shared", "mask": True}
 """All robots run one network, which does not choose blocked moves, and standing costs."""
 _MANY = {"num_envs": 32}
-"""PPO learns from what its present policy did alone, so it wants much of that at a time (Yu 2022)."""
+"""What learns from its present policy's decisions alone wants much of them at a time (Yu 2022)."""
 
 TECHNIQUES: dict[str, Technique] = {}
-_ALIASES = {"iql+gsc": "smadrl"}
+_ALIASES = {"iql+gsc": "smadrl", "idqn": "iql"}
 
 
 def register_technique(technique: Technique) -> Technique:
@@ -53,50 +53,25 @@ def find_technique(name: str) -> Technique:
         raise InputError(f"unknown technique {shown(name)}: {nearest_names(name, TECHNIQUES)}") from None
 
 
-_SHIPPED = (
-    Technique("iql", "dqn", {"reward": "local", "stigmergy": False}, "The paper's IQL."),
-    Technique("iql+g", "dqn", {**_TEAM, "stigmergy": False}, "The paper's IQL+G."),
-    Technique("iql+gs", "dqn", {**_TEAM, "stigmergy": True}, "The paper's IQL+GS."),
-    Technique(
-        "smadrl",
-        "dqn",
-        {**_TEAM, "stigmergy": True, "curriculum": True},
-        "The paper's S-MADRL, IQL+GSC in its tables.",
-    ),
-    Technique("ia2c", "ia2c", {"reward": "local", "stigmergy": False}, "The paper's I-A2C."),
-    Technique("maa2c", "maa2c", {**_TEAM, "stigmergy": False}, "The paper's MA-A2C."),
-    Technique("mappo", "ppo", {**_TEAM, **_MANY, "stigmergy": False, "critic": "team"}, "The paper's MAPPO."),
-    Technique(
-        "ippo",
-        "ppo",
-        {**_MANY, "reward": "local", "stigmergy": False},
-        "PPO with own rewards and critics, IPPO (de Witt 2020).",
-    ),
-    Technique(
-        "madqn",
-        "madqn",
-        {**_TEAM, "stigmergy": False},
-        "The paper's MA-DQN: one network chooses for all robots.",
-    ),
-    Technique(
-        "vdn",
-        "qmix",
-        {**_TEAM, "stigmergy": False, "mixer": "sum"},
-        "VDN: the team's value is the sum of the robots' values.",
-    ),
-    Technique(
-        "qmix",
-        "qmix",
-        {**_TEAM, "stigmergy": False},
-        "QMIX: the team's value grows with each robot's value.",
-    ),
-    Technique("pqn", "pqn", {"reward": "local", "stigmergy": False, "num_envs": 32}, "PQN, own networks."),
-    Technique(
-        "pqn-vdn",
-        "pqn",
-        {**_TEAM, "stigmergy": False, "num_envs": 32, "mixer": "sum"},
-        "PQN with the team's value as the sum of the robots' values.",
-    ),
+_OF_THE_PAPER = (
+    Technique("iql", "dqn", {"reward": "local", "stigmergy": False}, "IQL, and I-DQN in its table."),
+    Technique("iql+g", "dqn", {**_TEAM, "stigmergy": False}, "IQL+G."),
+    Technique("iql+gs", "dqn", {**_TEAM, "stigmergy": True}, "IQL+GS."),
+    Technique("smadrl", "dqn", {**_TEAM, "stigmergy": True, "curriculum": True}, "S-MADRL, also IQL+GSC."),
+    Technique("ia2c", "ia2c", {"reward": "local", "stigmergy": False}, "I-A2C."),
+    Technique("madqn", "madqn", {**_TEAM, "stigmergy": False}, "MA-DQN: one network chooses for all robots."),
+    Technique("maa2c", "maa2c", {**_TEAM, "stigmergy": False}, "MA-A2C: one actor chooses for all robots."),
+    Technique("maddpg", "maddpg", {**_TEAM, "stigmergy": False}, "MADDPG, with discrete actions."),
+    Technique("mappo", "ppo", {**_MANY, **_TEAM, "stigmergy": False, "critic": "team"}, "MAPPO."),
+)
+_OF_OTHERS = (
+    Technique("ippo", "ppo", {**_MANY, "reward": "local", "stigmergy": False}, "IPPO (de Witt 2020)."),
+    Technique("vdn", "qmix", {**_TEAM, "stigmergy": False, "mixer": "sum"}, "VDN (Sunehag 2018)."),
+    Technique("qmix", "qmix", {**_TEAM, "stigmergy": False}, "QMIX (Rashid 2018)."),
+    Technique("pqn", "pqn", {**_MANY, "reward": "local", "stigmergy": False}, "PQN (Gallici 2025)."),
+    Technique("pqn-vdn", "pqn", {**_MANY, **_TEAM, "stigmergy": False, "mixer": "sum"}, "PQN with VDN's sum."),
+)
+_OURS = (
     Technique(
         "smadrl+",
         "dqn",
@@ -108,31 +83,23 @@ _SHIPPED = (
             "normalisation": "rms",
             "mask": True,
             "curriculum": True,
-            "fine_tune": 0.5,
+            "fine_tune": 0.7,
         },
-        "Ours: the paper's four ideas (own networks, stigmergy, team reward, curriculum) with our learner.",
+        "The paper's four ideas (own networks, stigmergy, team reward, curriculum) with our learner.",
     ),
-    # Ours: without the noise of what others earn, and with no pay for going to and fro.
-    Technique("iql+s", "dqn", {**_LOCAL, "stigmergy": True}, "Ours: own rewards, signed."),
-    Technique(
-        "iql+sc", "dqn", {**_LOCAL, "stigmergy": True, "curriculum": True}, "Ours: the same, one by one."
-    ),
+    # Without the noise of what others earn, and with no pay for going to and fro.
+    Technique("iql+s", "dqn", {**_LOCAL, "stigmergy": True}, "Own rewards, signed."),
+    Technique("iql+sc", "dqn", {**_LOCAL, "stigmergy": True, "curriculum": True}, "The same, one by one."),
     Technique(
         "ps-dqn",
         "dqn",
         {**_SHARED, "normalisation": "rms"},
-        "Ours: one network for all, normalised, which does not choose blocked moves.",
+        "One network for all, normalised, which does not choose blocked moves.",
     ),
-    Technique(
-        "ps-a2c", "ia2c", _SHARED, "Ours: one actor and critic for all, which do not choose blocked moves."
-    ),
-    Technique("ps-ippo", "ppo", {**_SHARED, **_MANY}, "Ours: the same, by PPO."),
-    Technique(
-        "ps-mappo",
-        "ppo",
-        {**_SHARED, **_MANY, "critic": "team"},
-        "Ours: the same, with a critic that sees all.",
-    ),
+    Technique("ps-pqn", "pqn", {**_SHARED, **_MANY}, "The same without replay, by PQN."),
+    Technique("ps-a2c", "ia2c", _SHARED, "The same with one actor and critic for all."),
+    Technique("ps-ippo", "ppo", {**_SHARED, **_MANY}, "The same by PPO."),
+    Technique("ps-mappo", "ppo", {**_SHARED, **_MANY, "critic": "team"}, "The same, with a critic that sees all."),
 )
-for _one in _SHIPPED:
+for _one in (*_OF_THE_PAPER, *_OF_OTHERS, *_OURS):
     register_technique(_one)
