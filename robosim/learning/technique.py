@@ -61,7 +61,6 @@ _OF_THE_PAPER = (
     Technique("ia2c", "ia2c", {"reward": "local", "stigmergy": False}, "I-A2C."),
     Technique("madqn", "madqn", {**_TEAM, "stigmergy": False}, "MA-DQN: one network chooses for all robots."),
     Technique("maa2c", "maa2c", {**_TEAM, "stigmergy": False}, "MA-A2C: one actor chooses for all robots."),
-    Technique("maddpg", "maddpg", {**_TEAM, "stigmergy": False}, "MADDPG, with discrete actions."),
     Technique("mappo", "ppo", {**_MANY, **_TEAM, "stigmergy": False, "critic": "team"}, "MAPPO."),
 )
 _OF_OTHERS = (
@@ -69,7 +68,9 @@ _OF_OTHERS = (
     Technique("vdn", "qmix", {**_TEAM, "stigmergy": False, "mixer": "sum"}, "VDN (Sunehag 2018)."),
     Technique("qmix", "qmix", {**_TEAM, "stigmergy": False}, "QMIX (Rashid 2018)."),
     Technique("pqn", "pqn", {**_MANY, "reward": "local", "stigmergy": False}, "PQN (Gallici 2025)."),
-    Technique("pqn-vdn", "pqn", {**_MANY, **_TEAM, "stigmergy": False, "mixer": "sum"}, "PQN with VDN's sum."),
+    Technique(
+        "pqn-vdn", "pqn", {**_MANY, **_TEAM, "stigmergy": False, "mixer": "sum"}, "PQN with VDN's sum."
+    ),
 )
 _OURS = (
     Technique(
@@ -99,7 +100,9 @@ _OURS = (
     Technique("ps-pqn", "pqn", {**_SHARED, **_MANY}, "The same without replay, by PQN."),
     Technique("ps-a2c", "ia2c", _SHARED, "The same with one actor and critic for all."),
     Technique("ps-ippo", "ppo", {**_SHARED, **_MANY}, "The same by PPO."),
-    Technique("ps-mappo", "ppo", {**_SHARED, **_MANY, "critic": "team"}, "The same, with a critic that sees all."),
+    Technique(
+        "ps-mappo", "ppo", {**_SHARED, **_MANY, "critic": "team"}, "The same, with a critic that sees all."
+    ),
 )
 for _one in (*_OF_THE_PAPER, *_OF_OTHERS, *_OURS):
     register_technique(_one)

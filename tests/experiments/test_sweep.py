@@ -210,7 +210,7 @@ def test_keys_do_not_change_when_an_optional_part_is_left_out():
         ),
         (
             "[vary]\nrobots = [2, 3]\n[[where]]\nmatch = {robots = 2}\noptions = {steps = 5}\n"
-            + "[[where]]\nmatch = {robots = 3, steps = 5}\nskip = 'no'",
+             "[[where]]\nmatch = {robots = 3, steps = 5}\nskip = 'no'",
             "where 2: no run matches.",
         ),
         (

@@ -156,7 +156,7 @@ def test_techniques_are_what_the_paper_and_we_say():
         "smadrl": ("dqn", "global", False, False, True, True, "own", False),
         "smadrl+": ("dqn", "global", True, True, True, True, "own", True),
         "ia2c": ("ia2c", "local", False, False, False, False, "own", False),
-        "maa2c": ("maa2c", "global", False, False, False, False, None, False),
+        "maa2c": ("maa2c", "global", False, False, False, False, "one", False),
         "mappo": ("ppo", "global", False, False, False, False, "own", False),
         "ippo": ("ppo", "local", False, False, False, False, "own", False),
         "iql+s": ("dqn", "local", True, False, True, False, "own", False),
