@@ -61,6 +61,7 @@ _OF_THE_PAPER = (
     Technique("ia2c", "ia2c", {"reward": "local", "stigmergy": False}, "I-A2C."),
     Technique("madqn", "madqn", {**_TEAM, "stigmergy": False}, "MA-DQN: one network chooses for all robots."),
     Technique("maa2c", "maa2c", {**_TEAM, "stigmergy": False}, "MA-A2C: one actor chooses for all robots."),
+    Technique("maddpg", "maddpg", {**_TEAM, "stigmergy": False}, "MADDPG, with discrete actions."),
     Technique("mappo", "ppo", {**_MANY, **_TEAM, "stigmergy": False, "critic": "team"}, "MAPPO."),
 )
 _OF_OTHERS = (

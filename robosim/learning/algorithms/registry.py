@@ -18,6 +18,7 @@ _SHIPPED = {
     "madqn": "robosim.learning.algorithms.madqn:MadqnConfig",
     "pqn": "robosim.learning.algorithms.pqn:PqnConfig",
     "qmix": "robosim.learning.algorithms.qmix.config:QmixConfig",
+    "maddpg": "robosim.learning.algorithms.maddpg:MaddpgConfig",
 }
 """Module and class of each configuration; loaded when asked for, since it may bring torch."""
 _REGISTERED: dict[str, type[AlgorithmConfig]] = {}

@@ -43,6 +43,17 @@ def test_samples_are_whole_transitions_of_the_robot_itself(robots, envs, capacit
     assert now[..., 0].min() >= oldest
 
 
+def test_together_all_robots_get_the_same_moments():
+    replay = Replay(3, 20, 3)
+    add(replay, range(9), 2, 3)
+    batch = Batch.reserve(3, 50, 3)
+    replay.sample(np.random.default_rng(0), batch, together=True)
+    now = batch.observations.numpy()
+    assert (now[..., 2] == np.arange(3)[:, None]).all()
+    assert (now[..., :2] == now[:1, :, :2]).all()
+    assert len(np.unique(now[0, :, :2], axis=0)) > 10
+
+
 def test_ring_holds_exactly_the_latest():
     replay = Replay(1, 6, 3)
     add(replay, range(10), 1, 1)

@@ -1,0 +1,346 @@
+"""MADDPG: each robot acts by its own observation and learns from a critic that sees the team (Lowe 2017).
+
+Actions are discrete, so an actor learns through straight-through Gumbel-softmax draws (Jang 2017) at
+temperature 1, as in EPyMARL (Papoudakis 2021). All robots' actors are stacked, and so are their critics: one
+batched product a layer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Literal, NamedTuple, Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pydantic import Field
+from torch import Tensor
+from torch.nn.functional import one_hot, pad
+
+from robosim.control.network import NetworkSpec
+from robosim.discretise.observation import blocked_moves, mask_blocked_moves
+from robosim.errors import InputError, shown
+from robosim.learning.algorithms.dqn.replay import Batch, Replay
+from robosim.learning.algorithms.dqn.returns import MultiStepReturns
+from robosim.learning.algorithms.protocol import Actors, AlgorithmConfig, Experience, State, Task
+from robosim.learning.computing import denormals_flushed
+from robosim.learning.networks import ActionValues, Layers, NetworkShape, Parameters, initialise
+from robosim.records import Many
+
+
+class MaddpgConfig(AlgorithmConfig):
+    """MADDPG with discrete actions."""
+
+    name: Literal["maddpg"] = "maddpg"
+    """Of the algorithm."""
+    hidden: Many[Annotated[int, Field(ge=1, le=4096)]] = Field(default=(128, 128), min_length=1, max_length=8)
+    """Width of each hidden layer, of the actors and of the critics."""
+    mask: bool = False
+    """Moves that end at a wall or lead away from both goals are not chosen, where actions are cardinal and
+    observations hold the gains of moves."""
+    learning_rate: float = Field(default=1e-3, ge=1e-8, le=1)
+    """Step size of Adam at the start."""
+    learning_rate_end: float = Field(default=0.02, ge=0, le=1)
+    """Share of the step size that is left at the end; it falls linearly. 1 keeps it."""
+    discount: float = Field(default=0.95, ge=0, le=0.99999)
+    """Gamma: what a reward one decision later is worth."""
+    return_steps: int = Field(default=1, ge=1, le=1000)
+    """Decisions whose rewards are summed before the estimate of what follows takes over."""
+    batch_size: int = Field(default=256, ge=1, le=65_536)
+    """Joint transitions in an update; all robots learn from the same moments."""
+    replay_capacity: int = Field(default=100_000, ge=1, le=10**8)
+    """Joint transitions kept; the oldest go first."""
+    warmup: int = Field(default=1000, ge=0, le=10**10)
+    """Joint decisions before the first update."""
+    updates_per_step: float = Field(default=0.1, ge=0, le=1000)
+    """Updates per joint decision."""
+    tau: float = Field(default=0.01, gt=0, le=1)
+    """How far the target networks follow the others with each update; 1 copies them."""
+    logit_weight: float = Field(default=1e-3, ge=0, le=100)
+    """Of the mean squared logit in an actor's loss, which keeps it from choosing the same for ever."""
+    gradient_norm: float = Field(default=10.0, ge=1e-6, le=1e6)
+    """Most that the gradient of an actor or a critic may measure; longer ones are shortened."""
+    reward_scale: float = Field(default=0.1, ge=1e-6, le=1e6)
+    """Factor on rewards before learning."""
+
+    def starting_from(self, spec: NetworkSpec) -> Self:
+        """Return this configuration with the mask of `spec`."""
+        own, theirs = (
+            ("own", "relu", "none", "logits", self.hidden),
+            (spec.input, spec.activation, spec.normalisation, spec.output, spec.hidden),
+        )
+        if own != theirs:
+            raise InputError(
+                f"has networks of {shown(theirs)}, but must have ones of {shown(own)} for the algorithm "
+                '"maddpg" (input, activation, normalisation, output, hidden).'
+            )
+        return self.changed(mask=spec.mask)
+
+    def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> Maddpg:
+        return Maddpg(self, task, seed, start)
+
+
+class Maddpg:
+    """Actors and critics of the robots that learn; has a `LargeMemory`, its replay of joint transitions."""
+
+    def __init__(
+        self, config: MaddpgConfig, task: Task, seed: np.random.SeedSequence, start: Actors | None = None
+    ) -> None:
+        """Reserve the replay; `start` gives the actors, critics always begin anew.
+
+        InputError when the replay exceeds the memory, or `start` does not fit.
+        """
+        self.config, self.task = config, task
+        self._gains = task.gains if config.mask else None
+        robots, size, actions = task.robots, task.size, task.num_actions
+        choose, draw, actors, critics = seed.spawn(4)
+        self._choose, self._draw = np.random.default_rng(choose), np.random.default_rng(draw)
+        team = robots * (size + actions)
+        self.actor = _Networks(NetworkShape(robots, size, config.hidden, actions), actors)
+        self.critic = _Networks(NetworkShape(robots, team, config.hidden, 1), critics)
+        if start is not None:
+            self.actor.begin_with(start.weights)
+        self._act = ActionValues(self.actor.online)
+        self.replay = _make_replay(config, task)
+        self._returns = MultiStepReturns(config.return_steps, config.discount)
+        self._batch = Batch.reserve(robots, config.batch_size, size)
+        self._own = torch.eye(robots, dtype=torch.bool)[:, None, :, None]
+        """[critic, 1, robot, 1] where the action is that of the critic's own robot."""
+        self._decisions = self._updates = 0
+
+    def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
+        logits = mask_blocked_moves(self._act(observation), observation, self._gains)
+        # The largest sum with a Gumbel draw is a draw from the softmax.
+        drawn: NDArray[np.int64] = (logits + self._choose.gumbel(size=logits.shape)).argmax(axis=-1)
+        return drawn
+
+    def observe(self, experience: Experience) -> None:
+        self._decisions += len(experience.reward)
+        complete = self._returns.add(experience)
+        if complete is not None:
+            self.replay.add(*complete)
+
+    def update(self, progress: float) -> dict[str, float]:
+        config = self.config
+        rate = config.learning_rate * (1.0 + (config.learning_rate_end - 1.0) * min(1.0, progress))
+        due = int(max(0, self._decisions - config.warmup) * config.updates_per_step)
+        figures: dict[str, float] = {}
+        while self.replay.length and self._updates < due:
+            self.replay.sample(self._draw, self._batch, together=True)
+            with denormals_flushed():
+                figures = self._learn(self._batch, rate)
+            self._updates += 1
+        return figures
+
+    def actors(self) -> Actors:
+        spec = NetworkSpec(
+            inputs=self.task.size,
+            hidden=self.config.hidden,
+            mask=self._gains is not None,
+            output="logits",
+            actions=self.task.num_actions,
+            of_robot=tuple(range(self.task.robots)),
+        )
+        return Actors(spec, self.actor.online.to_numpy())
+
+    def state(self) -> State:
+        tensors = {f"actor.{name}": tensor for name, tensor in self.actor.state().items()}
+        tensors |= {f"critic.{name}": tensor for name, tensor in self.critic.state().items()}
+        tensors |= {f"open.{name}": torch.from_numpy(a) for name, a in self._returns.state().items()}
+        facts = {
+            "decisions": self._decisions,
+            "updates": self._updates,
+            "choose": self._choose.bit_generator.state,
+            "draw": self._draw.bit_generator.state,
+        }
+        return State(tensors, facts)
+
+    def restore(self, state: State) -> None:
+        tensors, facts = state
+        self.actor.restore(_part(tensors, "actor."))
+        self.critic.restore(_part(tensors, "critic."))
+        self._returns.restore({name: tensor.numpy() for name, tensor in _part(tensors, "open.").items()})
+        self._decisions, self._updates = int(facts["decisions"]), int(facts["updates"])
+        self._choose.bit_generator.state = facts["choose"]
+        self._draw.bit_generator.state = facts["draw"]
+
+    def held(self) -> tuple[int, int]:
+        return self.replay.added - self.replay.length, self.replay.added
+
+    def export(self, first: int, last: int) -> dict[str, Tensor]:
+        return self.replay.export(first, last)
+
+    def recall(self, first: int, parts: Iterable[Mapping[str, Tensor]]) -> None:
+        self.replay.restore(first, parts)
+
+    def _learn(self, batch: Batch, rate: float) -> dict[str, float]:
+        """Make a step of every critic, then one of every actor, and let the target networks follow."""
+        config = self.config
+        value = self._value_loss(batch)
+        norm = self.critic.step(value, rate, config.gradient_norm)
+        losses = self._policy_losses(batch)
+        self.actor.step(losses.policy + config.logit_weight * losses.logits, rate, config.gradient_norm)
+        for networks in (self.actor, self.critic):
+            networks.follow(config.tau)
+        return {
+            "policy_loss": losses.policy.mean().item(),
+            "value_loss": value.mean().item(),
+            "entropy": losses.entropy.mean().item(),
+            "gradient_norm": norm,
+            "learning_rate": rate,
+        }
+
+    def _value_loss(self, batch: Batch) -> Tensor:
+        """Return the mean squared error of each robot's critic, [robots]."""
+        config, actions = self.config, self.task.num_actions
+        with torch.no_grad():
+            best = self._open(_forward(self.actor.target, batch.successors), batch.successors).argmax(dim=-1)
+            after = _of_team(batch.successors, one_hot(best, actions).float())
+            follows = batch.continues * _forward(self.critic.target, after)
+            goal = config.reward_scale * batch.rewards + config.discount**config.return_steps * follows
+        taken = one_hot(batch.actions[..., 0], actions).float()
+        values = _forward(self.critic.learning, _of_team(batch.observations, taken))
+        return (values - goal).square().mean(dim=(1, 2))
+
+    def _policy_losses(self, batch: Batch) -> _Losses:
+        """Return the losses of each robot's actor.
+
+        All robots draw their actions anew; a critic's gradient reaches that of its own robot alone.
+        """
+        logits = _forward(self.actor.learning, batch.observations)
+        is_open = self._open(logits, batch.observations)
+        noise = torch.from_numpy(self._draw.gumbel(size=tuple(logits.shape)).astype(np.float32))
+        drawn = straight_through(is_open + noise)
+        others = drawn.detach().transpose(0, 1)
+        # [critic, transitions, robot, ...], then the robots side by side.
+        actions = torch.where(self._own, drawn[:, :, None], others)
+        observations = batch.observations.transpose(0, 1).expand(len(actions), -1, -1, -1)
+        values = _forward(self.critic.learning, torch.cat((observations, actions), dim=3).flatten(2))
+        with torch.no_grad():
+            entropy = torch.special.entr(is_open.softmax(dim=-1)).sum(dim=-1)
+        each = (-values[..., 0], logits.square().mean(dim=-1), entropy)
+        return _Losses(*(part.mean(dim=1) for part in each))
+
+    def _open(self, logits: Tensor, observations: Tensor) -> Tensor:
+        """Return `logits` with minus infinity where a move is blocked."""
+        if self._gains is None:
+            return logits
+        blocked = blocked_moves(observations, self._gains)
+        return logits.masked_fill(pad(blocked, (0, logits.shape[-1] - blocked.shape[-1])), -torch.inf)
+
+
+class _Losses(NamedTuple):
+    """Of each robot's actor, [robots]."""
+
+    policy: Tensor
+    """Minus the critic's value of what the actor does."""
+    logits: Tensor
+    """Mean squared."""
+    entropy: Tensor
+
+
+class _Networks:
+    """Stacked networks that learn by Adam, and the target networks that follow them."""
+
+    def __init__(self, shape: NetworkShape, seed: np.random.SeedSequence) -> None:
+        self.online, self.target = Parameters(shape), Parameters(shape)
+        initialise(self.online, seed.spawn(shape.robots))
+        self.target.flat.copy_(self.online.flat)
+        self.learning = Layers(
+            [weight.detach() for weight in self.online.weights],
+            [bias.detach() for bias in self.online.biases],
+        )
+        """The memory of `online`, as autograd follows it."""
+        self._gradient = Parameters(shape)
+        self._leaves = [*self.learning.weights, *self.learning.biases]
+        self._gradients = [*self._gradient.weights, *self._gradient.biases]
+        # Autograd sees the layers, and adds into views of one buffer; Adam sees the buffer.
+        for leaf, gradient in zip(self._leaves, self._gradients, strict=True):
+            leaf.requires_grad_().grad = gradient
+        self.online.flat.grad = self._gradient.flat
+        self._adam = torch.optim.Adam([self.online.flat], fused=True)
+
+    def begin_with(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
+        """Take the weights of a policy, in the networks and their targets; InputError if they do not fit."""
+        self.online.load(weights)
+        self.target.flat.copy_(self.online.flat)
+
+    def step(self, losses: Tensor, rate: float, most: float) -> float:
+        """Make a step down each network's own loss, [networks]; returns the gradients' mean length.
+
+        A gradient longer than `most` is shortened to it first.
+        """
+        self._gradient.flat.zero_()
+        losses.sum().backward(inputs=self._leaves)  # type: ignore[no-untyped-call]
+        norms = torch.stack([one.square().sum(dim=(1, 2)) for one in self._gradients]).sum(dim=0).sqrt()
+        factors = (most / (norms + 1e-6)).clamp(max=1.0)[:, None, None]
+        for gradient in self._gradients:
+            gradient.mul_(factors)
+        self._adam.param_groups[0]["lr"] = rate
+        self._adam.step()
+        return float(norms.mean())
+
+    def follow(self, tau: float) -> None:
+        """Move the target networks toward the others by a share of `tau`."""
+        self.target.flat.lerp_(self.online.flat, tau)
+
+    def state(self) -> dict[str, Tensor]:
+        """Return copies of all that `restore` takes."""
+        held = {"online": self.online.flat, "target": self.target.flat}
+        moments = self._adam.state.get(self.online.flat, {})
+        held |= {f"adam.{name}": tensor for name, tensor in moments.items()}
+        return {name: tensor.clone() for name, tensor in held.items()}
+
+    def restore(self, tensors: Mapping[str, Tensor]) -> None:
+        """Take back what `state` returned; InputError when it belongs to networks of other shapes."""
+        for name, into in (("online", self.online.flat), ("target", self.target.flat)):
+            if tensors[name].shape != into.shape:
+                raise InputError(
+                    f"the networks of the checkpoint have {tensors[name].numel()} numbers, but must have "
+                    f"{into.numel()}."
+                )
+            into.copy_(tensors[name])
+        self._adam.state.clear()
+        moments = _part(tensors, "adam.")
+        if moments:
+            self._adam.state[self.online.flat] = {name: one.clone() for name, one in moments.items()}
+
+
+def straight_through(scores: Tensor) -> Tensor:
+    """Return one-hots of the largest of `scores` [..., actions], with the gradient of their softmax."""
+    soft = scores.softmax(dim=-1)
+    hard = one_hot(scores.argmax(dim=-1), scores.shape[-1]).float()
+    return hard + (soft - soft.detach())
+
+
+def _forward(layers: Layers, inputs: Tensor) -> Tensor:
+    """Return [networks, rows, outputs] of `inputs` [networks, rows, inputs], as autograd follows it."""
+    *hidden, last = zip(layers.weights, layers.biases, strict=True)
+    for weight, bias in hidden:
+        inputs = torch.baddbmm(bias, inputs, weight).relu()
+    return torch.baddbmm(last[1], inputs, last[0])
+
+
+def _of_team(observations: Tensor, actions: Tensor) -> Tensor:
+    """Return what every critic sees, [robots, rows, all robots' numbers]: the same for all of them.
+
+    `observations` are [robots, rows, size], `actions` [robots, rows, actions].
+    """
+    each = torch.cat((observations, actions), dim=2)
+    return each.transpose(0, 1).flatten(1).expand(len(each), -1, -1)
+
+
+def _make_replay(config: MaddpgConfig, task: Task) -> Replay:
+    # More room than there are decisions would be reserved in vain.
+    capacity = max(min(config.replay_capacity, task.decisions + task.num_envs), task.num_envs)
+    try:
+        return Replay(task.robots, capacity, task.size)
+    except (RuntimeError, MemoryError) as error:
+        raise InputError(
+            f"replay_capacity is {config.replay_capacity}, but must be less: {task.robots} robots with "
+            f"observations of {task.size} numbers need more memory than there is."
+        ) from error
+
+
+def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): one for name, one in tensors.items() if name.startswith(prefix)}

@@ -1,0 +1,289 @@
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+
+from robosim.control.network import Networks, NetworkSpec
+from robosim.errors import InputError
+from robosim.learning.algorithms.maddpg import MaddpgConfig, straight_through
+from robosim.learning.algorithms.protocol import Experience, LargeMemory, State, Task
+from tests.learning.plain import plain_networks
+from tests.learning.walking import deliveries, learned
+
+SMALL = MaddpgConfig(
+    hidden=(16, 8), warmup=4, batch_size=6, replay_capacity=50, updates_per_step=1.0, learning_rate_end=1.0
+)
+BLOCKABLE = tuple(f"gain {goal} {side}" for goal in ("home", "source") for side in "NSWE")
+
+
+def task(robots=3, names=tuple(f"number {i}" for i in range(7)), decisions=100):
+    return Task(robots, num_envs=3, names=names, num_actions=5, actions="cardinal", decisions=decisions)
+
+
+def build(config=SMALL, seed=0, **changes):
+    return config.build(task(**changes), np.random.SeedSequence(seed))
+
+
+def decision(rng, robots=3, envs=3, size=7):
+    seen = rng.random((3, envs, robots, size), np.float32)
+    reward = rng.normal(size=(envs, robots)).astype(np.float32)
+    ends = rng.choice(3, size=envs, p=[0.6, 0.2, 0.2])
+    action = rng.integers(5, size=(envs, robots))
+    return Experience(seen[0], action, reward, seen[1], seen[2], ends == 1, ends == 2)
+
+
+def filled(config=SMALL, seed=0, decisions=12, **changes):
+    algorithm, rng = build(config, seed, **changes), np.random.default_rng(5)
+    for _ in range(decisions):
+        algorithm.observe(decision(rng, algorithm.task.robots, size=algorithm.task.size))
+    return algorithm
+
+
+def drawn_like(algorithm):
+    """Return the batch and the Gumbel numbers [robots, transitions, actions] that come next."""
+    rng = np.random.default_rng()
+    rng.bit_generator.state = algorithm._draw.bit_generator.state
+    batch = algorithm._batch
+    algorithm.replay.sample(rng, batch, together=True)
+    return batch, torch.from_numpy(rng.gumbel(size=(*batch.rewards.shape[:2], 5)).astype(np.float32))
+
+
+def seen_by_critics(observations, actions):
+    """Return all robots' observations and one-hots, robot by robot, for one transition after another."""
+    rows = zip(observations.unbind(1), actions.unbind(1), strict=True)
+    return torch.stack([torch.cat([torch.cat(pair) for pair in zip(*row, strict=True)]) for row in rows])
+
+
+@pytest.mark.parametrize("most", [10.0, 0.01])
+def test_updates_equal_plain_maddpg_one_robot_at_a_time(most):
+    """Losses, clipped gradients, Adam's steps and targets, written with torch's own modules."""
+    config = SMALL.changed(gradient_norm=most, logit_weight=0.1, tau=0.2)
+    ours = filled(config)
+    ours._decisions = config.warmup
+    nets = {name: plain_networks(getattr(ours, name).online) for name in ("actor", "critic")}
+    targets = {name: plain_networks(getattr(ours, name).target) for name in nets}
+    adams = {name: [torch.optim.Adam(one.parameters(), 1e-3) for one in nets[name]] for name in nets}
+    one_hot = torch.eye(5)
+    for _ in range(4):
+        batch, noise = drawn_like(ours)
+        figures = {"policy_loss": [], "value_loss": [], "gradient_norm": []}
+        with torch.no_grad():
+            best = torch.stack(
+                [net(row).argmax(-1) for net, row in zip(targets["actor"], batch.successors, strict=True)]
+            )
+        now = seen_by_critics(batch.observations, one_hot[batch.actions[..., 0]])
+        after = seen_by_critics(batch.successors, one_hot[best])
+        for i, critic in enumerate(nets["critic"]):
+            with torch.no_grad():
+                follows = batch.continues[i] * targets["critic"][i](after)
+            loss = (critic(now) - 0.1 * batch.rewards[i] - 0.95 * follows).square().mean()
+            adams["critic"][i].zero_grad()
+            loss.backward()
+            norm = torch.nn.utils.clip_grad_norm_(critic.parameters(), most)
+            adams["critic"][i].step()
+            figures["value_loss"].append(loss.item())
+            figures["gradient_norm"].append(norm.item())
+        logits = [net(row) for net, row in zip(nets["actor"], batch.observations, strict=True)]
+        draws = [torch.softmax(row + noise[i], -1) for i, row in enumerate(logits)]
+        draws = [one_hot[soft.argmax(-1)] + soft - soft.detach() for soft in draws]
+        for i in range(3):
+            actions = torch.stack([draw if j == i else draw.detach() for j, draw in enumerate(draws)])
+            value = nets["critic"][i](seen_by_critics(batch.observations, actions)).mean()
+            adams["actor"][i].zero_grad()
+            (-value + 0.1 * logits[i].square().mean()).backward()
+            torch.nn.utils.clip_grad_norm_(nets["actor"][i].parameters(), most)
+            adams["actor"][i].step()
+            figures["policy_loss"].append(-value.item())
+        for name, nets_of in nets.items():
+            for net, target in zip(nets_of, targets[name], strict=True):
+                for one, other in zip(net.parameters(), target.parameters(), strict=True):
+                    other.data.mul_(0.8).add_(0.2 * one.data)
+        ours._decisions += 1  # by which one update is due
+        found = ours.update(0.0)
+        for name, each in figures.items():
+            assert found[name] == pytest.approx(np.mean(each), rel=1e-3)
+        for name in nets:
+            for part, plain in (("online", nets), ("target", targets)):
+                stacked = plain_networks(getattr(getattr(ours, name), part))
+                for mine, theirs in zip(stacked, plain[name], strict=True):
+                    for one, other in zip(mine.parameters(), theirs.parameters(), strict=True):
+                        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
+    assert ours._updates == 4
+
+
+def test_a_draw_is_one_hot_and_has_the_gradient_of_the_softmax():
+    scores = torch.randn(50, 5, generator=torch.Generator().manual_seed(0), requires_grad=True)
+    along = torch.randn(50, 5, generator=torch.Generator().manual_seed(1))
+    drawn = straight_through(scores)
+    torch.testing.assert_close(drawn, torch.eye(5)[scores.argmax(-1)])
+    (hard,) = torch.autograd.grad((drawn * along).sum(), scores)
+    (soft,) = torch.autograd.grad((scores.softmax(-1) * along).sum(), scores)
+    assert torch.equal(hard, soft)
+
+
+def test_robots_draw_what_their_actors_find_likely():
+    algorithm = build()
+    observation = np.repeat(np.random.default_rng(0).random((1, 3, 7), np.float32), 20_000, axis=0)
+    acted = algorithm.act(observation, 0.0)
+    spec, weights = algorithm.actors()
+    logits = torch.from_numpy(Networks(spec, weights).outputs(observation[:1])[0])
+    for robot, likely in enumerate(logits.softmax(-1).numpy()):
+        assert np.bincount(acted[:, robot], minlength=5) / 20_000 == pytest.approx(likely, abs=0.015)
+
+
+def test_what_one_robot_is_paid_reaches_its_own_critic_and_actor_alone_at_first():
+    """Later it reaches the others through what it does, which their critics see."""
+    teams = []
+    for factor in (1.0, 50.0):
+        algorithm, rng = build(SMALL.changed(updates_per_step=1 / 32)), np.random.default_rng(5)
+        for _ in range(12):
+            done = decision(rng)
+            algorithm.observe(done._replace(reward=done.reward * np.float32([1.0, 1.0, factor])))
+        assert algorithm.update(0.5)
+        assert algorithm._updates == 1
+        critics = {f"critic.{name}": one.numpy() for name, one in algorithm.critic.online.named().items()}
+        teams.append(algorithm.actors().weights | critics)
+    for name, array in teams[0].items():
+        np.testing.assert_array_equal(array[:2], teams[1][name][:2])
+    for part in ("", "critic."):
+        assert any(
+            not np.array_equal(array[2], teams[1][name][2])
+            for name, array in teams[0].items()
+            if name.startswith(part) and ("critic" in name) == bool(part)
+        )
+
+
+def test_blocked_moves_are_never_drawn_nor_taken_by_targets():
+    algorithm = filled(SMALL.changed(mask=True), robots=1, names=BLOCKABLE)
+    observation = np.zeros((2000, 1, 8), np.float32)
+    observation[..., [0, 4, 1, 5]] = -1.0  # north and south
+    counts = np.bincount(algorithm.act(observation, 0.0).ravel(), minlength=5)
+    assert counts[:2].tolist() == [0, 0]
+    assert counts[2:].min() > 100
+    seen = torch.from_numpy(observation).transpose(0, 1)
+    logits = torch.full((1, 2000, 5), 3.0)
+    chances = algorithm._open(logits, seen).softmax(-1)
+    assert chances[0, 0].tolist() == pytest.approx([0, 0, 1 / 3, 1 / 3, 1 / 3])
+    algorithm._batch.pairs[:] = seen[:, :6]
+    losses = algorithm._policy_losses(algorithm._batch)
+    assert 0 < losses.entropy.item() <= np.log(3) + 1e-6
+    algorithm.actor.step(losses.policy, 1e-3, 10.0)
+    assert torch.isfinite(algorithm.actor.online.flat).all()
+    assert algorithm.actors().spec.mask
+    # Where observations hold no gains, there is nothing to mask by.
+    assert not build(SMALL.changed(mask=True)).actors().spec.mask
+
+
+def test_updates_are_as_many_as_are_due():
+    algorithm, rng, counts = (
+        build(SMALL.changed(updates_per_step=0.25, warmup=6)),
+        np.random.default_rng(0),
+        [],
+    )
+    for _ in range(7):
+        assert bool(algorithm.update(0.0)) == (algorithm._updates > (counts or [0])[-1])
+        counts.append(algorithm._updates)
+        algorithm.observe(decision(rng))
+    assert counts == [0, 0, 0, 0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("decisions", [1, 9, 30])
+@pytest.mark.parametrize("return_steps", [1, 3])
+def test_it_goes_on_in_the_same_bits(decisions, return_steps):
+    config = SMALL.changed(return_steps=return_steps)
+    whole, rest, rng = build(config), build(config, seed=7), np.random.default_rng(1)
+    assert isinstance(whole, LargeMemory)
+
+    def take(algorithms):
+        done = decision(rng)
+        acted = [one.act(done.observation, 0.5) for one in algorithms]
+        figures = [one.update(0.5) for one in algorithms]
+        for one in algorithms:
+            one.observe(done._replace(action=acted[0]))
+        np.testing.assert_array_equal(acted[0], acted[-1])
+        assert figures[0] == figures[-1]
+
+    for _ in range(decisions):
+        take([whole])
+    tensors, facts = whole.state()
+    first, last = whole.held()
+    middle = (first + last) // 2
+    rest.restore(State(tensors, json.loads(json.dumps(facts))))
+    rest.recall(first, [whole.export(first, middle), whole.export(middle, last)])
+    before = whole.actors().weights
+    for _ in range(9):
+        take([whole, rest])
+    after, again = whole.actors().weights, rest.actors().weights
+    for name, array in after.items():
+        np.testing.assert_array_equal(array, again[name])
+        assert not np.array_equal(array, before[name])
+    for name, tensor in whole.state().tensors.items():
+        assert torch.equal(tensor, rest.state().tensors[name]), name
+
+
+def test_the_policy_is_what_the_actors_compute():
+    algorithm = filled()
+    algorithm.update(0.0)
+    spec, weights = algorithm.actors()
+    assert (spec.output, spec.activation, spec.of_robot) == ("logits", "relu", (0, 1, 2))
+    assert [array.shape[1:] for name, array in weights.items() if "weight" in name] == list(
+        pairwise((7, 16, 8, 5))
+    )
+    observation = np.random.default_rng(0).random((50, 3, 7), np.float32)
+    plain = plain_networks(algorithm.actor.online)
+    with torch.no_grad():
+        logits = torch.stack([net(torch.from_numpy(observation[:, i])) for i, net in enumerate(plain)], 1)
+    np.testing.assert_allclose(Networks(spec, weights).outputs(observation), logits, rtol=1e-4, atol=1e-6)
+
+
+def test_it_starts_from_actors_of_its_own_kind():
+    first = build().actors()
+    # Arrays go by their names: files keep them in another order.
+    start = first._replace(weights=dict(sorted(first.weights.items())))
+    second = SMALL.starting_from(first.spec).build(task(), np.random.SeedSequence(1), start)
+    for name, array in second.actors().weights.items():
+        np.testing.assert_array_equal(array, first.weights[name])
+    assert torch.equal(second.actor.target.flat, second.actor.online.flat)
+    assert SMALL.starting_from(first.spec.changed(mask=True)).mask
+    with pytest.raises(InputError) as caught:
+        SMALL.starting_from(NetworkSpec(inputs=7, hidden=(16, 8), of_robot=(0,)))
+    assert str(caught.value) == (
+        'has networks of ["own", "relu", "none", "action values", [16, 8]], but must have ones of '
+        '["own", "relu", "none", "logits", [16, 8]] for the algorithm "maddpg" (input, activation, '
+        "normalisation, output, hidden)."
+    )
+
+
+def test_what_does_not_fit_is_one_sentence():
+    state = build(SMALL.changed(hidden=(16, 9))).state()
+    with pytest.raises(InputError) as caught:
+        build().restore(state)
+    assert str(caught.value) == "the networks of the checkpoint have 993 numbers, but must have 927."
+    many = tuple(f"number {i}" for i in range(1000))
+    with pytest.raises(InputError) as caught:
+        build(SMALL.changed(replay_capacity=10**8), names=many, decisions=10**9)
+    assert str(caught.value) == (
+        "replay_capacity is 100000000, but must be less: 3 robots with observations of 1000 numbers need more "
+        "memory than there is."
+    )
+
+
+def test_it_learns_to_walk_a_corridor_to_and_fro(corridor):
+    config = MaddpgConfig(
+        hidden=(32, 32),
+        learning_rate=5e-3,
+        discount=0.9,
+        return_steps=3,
+        batch_size=64,
+        warmup=200,
+        tau=0.05,
+        logit_weight=0.03,
+        reward_scale=1.0,
+    )
+    loop = learned(corridor(robots=2, num_envs=8), config, 4000)
+    # The best is a delivery every ten decisions; the first comes after less than a whole trip.
+    assert deliveries(corridor, loop.algorithm, 2).min() >= 9
+    figures = loop.log.rows[-1].figures
+    assert set(figures) == {"policy_loss", "value_loss", "entropy", "gradient_norm", "learning_rate"}
