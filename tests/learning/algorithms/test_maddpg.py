@@ -265,8 +265,8 @@ def test_what_does_not_fit_is_one_sentence():
     with pytest.raises(InputError) as caught:
         build(SMALL.changed(replay_capacity=10**8), names=many, decisions=10**9)
     assert str(caught.value) == (
-        "replay_capacity is 100000000, but must be less: 3 robots with observations of 1000 numbers need more "
-        "memory than there is."
+        "replay_capacity is 100000000, but must be less: 3 robots with observations of 1000 numbers need "
+        "more memory than there is."
     )
 
 
