@@ -6,8 +6,8 @@
     python tools/validate_learners.py report
 
 `run` learns for so many joint decisions, evaluates 100 episodes without exploration, the same for everybody,
-and adds a line to the results. It needs mpe2 and the library that it is to run, no other: each library can have
-a virtual environment of its own. `report` prints a table in Markdown and draws the figure.
+and adds a line to the results. It needs mpe2 and the library that it is to run, no other: each library can
+have a virtual environment of its own. `report` prints a table in Markdown and draws the figure.
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ def run(options: argparse.Namespace) -> None:
     if apart > ROUNDING:
         sys.exit(f"the environments differ from those of mpe2 {version('mpe2')} by {apart:.1e}.")
     learn = partial(module.learn, path=options.epymarl) if options.library == "epymarl" else module.learn
-    began = time.perf_counter()
+    began, computed = time.perf_counter(), time.process_time()
     act, returns, settings = learn(options.method, options.seed, options.decisions)
-    took = time.perf_counter() - began
+    took, computed = time.perf_counter() - began, time.process_time() - computed
     final = evaluate(act, EPISODES, FIRST_SEED)
     line: Line = {
         "library": options.library,
@@ -92,6 +92,7 @@ def run(options: argparse.Namespace) -> None:
         "final_std": round(statistics.stdev(final), 3),
         "episodes": EPISODES,
         "wall_time": round(took, 1),
+        "cpu_time": round(computed, 1),
         "machine": f"{_processor()}, {os.cpu_count()} cores",
         "versions": {name: version(name) for name in library.versions},
         "settings": settings,
