@@ -32,6 +32,8 @@ from validation.spread import difference_to_mpe2, evaluate
 
 RESULTS = Path("docs/results/validation.jsonl")
 FIGURE = Path("docs/images/validation.png")
+REQUIRED = ("mpe2",)
+"""By every run, which compares its environments with it first."""
 POINTS = 20
 """Of a learning curve."""
 EPISODES, FIRST_SEED = 100, 1_000_000
@@ -64,7 +66,7 @@ Line = dict[str, Any]
 
 def run(options: argparse.Namespace) -> None:
     library = LIBRARIES[options.library]
-    for package in ("mpe2", *library.packages):
+    for package in (*library.packages, *REQUIRED):
         if find_spec(package) is None:
             sys.exit(f"{options.library} needs the package {package}, which is not installed here.")
     if options.library == "epymarl" and not (options.epymarl / "src" / "learners").is_dir():
@@ -147,6 +149,7 @@ def _draw(groups: dict[tuple[str, str], list[Line]], methods: list[str], png: Pa
 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
+    from matplotlib.lines import Line2D
 
     columns = min(4, len(methods))
     rows = -(-len(methods) // columns)
@@ -172,7 +175,7 @@ def _draw(groups: dict[tuple[str, str], list[Line]], methods: list[str], png: Pa
                 )
         axis.tick_params(labelsize=7)
         axis.set_ylim(-40, -12)
-    handles = [plt.Line2D([], [], color=f"C{i}", label=name) for i, name in enumerate(LIBRARIES)]
+    handles = [Line2D([], [], color=f"C{i}", label=name) for i, name in enumerate(LIBRARIES)]
     figure.legend(
         handles=handles, loc="outside upper center", ncols=len(LIBRARIES), fontsize=8, frameon=False
     )
