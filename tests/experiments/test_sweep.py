@@ -209,7 +209,13 @@ def test_keys_do_not_change_when_an_optional_part_is_left_out():
             "where 1: match.robots is true in no run: known names are 2.",
         ),
         (
-            "[vary]\nrobots = [2, 3]\n[[where]]\nmatch = {robots = 2}\noptions = {steps = 5}\n[[where]]\nmatch = {robots = 3, steps = 5}\nskip = 'no'",
+            """
+            vary.robots = [2, 3]
+            where = [
+              { match = { robots = 2 }, options = { steps = 5 } },
+              { match = { robots = 3, steps = 5 }, skip = "no" },
+            ]
+            """,
             "where 2: no run matches.",
         ),
         (

@@ -1,0 +1,249 @@
+"""Run the sweeps of docs/results, in steps that stop and go on, and write docs/results.md from their records.
+
+    python tools/reproduce.py plan             what there is to run, what is done, how long the rest takes
+    python tools/reproduce.py run [NAME ...] [--only robots=8] [--workers 2]
+    python tools/reproduce.py write            the page and its figures, from the records there are
+    python tools/reproduce.py --quick          a small comparison from nothing, within ten minutes
+
+Stopped with Ctrl-C, `run` goes on where it was. Records lie beside the sweeps, a line for each run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from robosim.errors import InputError
+from robosim.experiments.compare_figures import draw_comparison
+from robosim.experiments.comparison import compare
+from robosim.experiments.paper import PELLETS, TECHNIQUES
+from robosim.experiments.results import Result, read_results
+from robosim.experiments.runs import Run, read_runs
+from robosim.experiments.sweep import Sweep, read_sweep
+from robosim.experiments.tables import Column, SweepTable, sweep_table
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "docs" / "results"
+IMAGES = ROOT / "docs" / "images"
+PAGE = ROOT / "docs" / "results.md"
+RUNS = Path("runs")
+READING = RESULTS / "reading.md"
+
+INTRODUCTION = """\
+# Results
+
+Every number on this page is written by `python tools/reproduce.py write` from the records in
+[docs/results](results/). `python tools/reproduce.py run` makes them: it can be stopped, goes on where it
+was, and takes many hours in all on two cores. `python tools/reproduce.py --quick` shows the same for small
+teams within ten minutes.
+"""
+INTERVALS = """\
+Pellets in an episode: interquartile mean over seeds and its 95 % bootstrap interval in brackets; single
+values where there are fewer than three seeds, `(2 of 3)` where some are missing, "not run" where all are,
+"none" where there are to be none.
+"""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page, from one sweep."""
+
+    name: str
+    """Of the sweep's file."""
+    title: str
+    beside_paper: bool = False
+    """The paper's figures stand above ours."""
+    figures: tuple[str, ...] = ()
+    """Of those that `robosim compare` draws."""
+    drawn: tuple[int, ...] = ()
+    """Sizes of the teams in the figures; all if empty."""
+    also: Mapping[str, str] | None = None
+    """Further tables: names of figures, and what they are."""
+
+
+TOUCHES = {
+    "touches": "Touches: decisions in which robots that did not stop touched another, summed over robots."
+}
+WORK = {
+    "gini": "Gini coefficient of the pellets that each robot delivered: 0 where all do the same.",
+    "one_at_a_time": "Share of the episodes that the classifier calls One-at-a-Time.",
+    "bucket_brigade": "Share of the episodes that it calls Bucket-Brigade.",
+    "clogged_share": "Share of the time in which the tunnel was clogged.",
+}
+CURVES = ("learning-curves", "pellets", "lorenz", "team-size", "profiles")
+SECTIONS = (
+    Section("grid", "In the grid world", True, CURVES, (2, 4, 8), TOUCHES | WORK),
+    Section("physics", "In physics", True, CURVES, (2, 4, 8), TOUCHES | WORK),
+    Section("smadrl", "S-MADRL that scales", False, ("learning-curves",), (), TOUCHES),
+    Section("scaling", "Eight robots and one", False),
+    Section("curriculum", "What the curriculum costs and brings", False),
+    Section("stigmergy", "Does stigmergy help?", False),
+    Section("larger", "Larger teams", False, (), (), TOUCHES),
+    Section("arenas", "Other arenas", False, (), (), TOUCHES),
+    Section(
+        "wheels", "Wheel commands", False, (), (), {**TOUCHES, "wheel_energy": "Energy at the wheels, J."}
+    ),
+    Section("tuning", "The search for settings", False),
+)
+
+
+def sweep_file(name: str) -> Path:
+    return RESULTS / f"{name}.toml"
+
+
+def results_file(name: str) -> Path:
+    return RESULTS / f"{name}.results.jsonl"
+
+
+def there() -> list[Section]:
+    """Return the sections whose sweeps exist."""
+    return [section for section in SECTIONS if sweep_file(section.name).exists()]
+
+
+def robosim(*arguments: str) -> int:
+    return subprocess.run(
+        [sys.executable, "-c", "from robosim.cli.main import main; main()", *arguments]
+    ).returncode
+
+
+def run(names: Sequence[str], extra: Sequence[str]) -> int:
+    """Work off the sweeps in the order of the page; return the worst exit code."""
+    worst = 0
+    for section in there():
+        if names and section.name not in names:
+            continue
+        print(f"== {section.name}", flush=True)
+        out = ("--out", str(RUNS / section.name), "--results", str(results_file(section.name)))
+        worst = max(worst, robosim("sweep", str(sweep_file(section.name)), *out, *extra))
+    return worst
+
+
+def plan(names: Sequence[str]) -> int:
+    return run(names, ["--dry-run"])
+
+
+def write() -> None:
+    """Write the page and its figures."""
+    lines = [INTRODUCTION, INTERVALS, *reading()]
+    for section in there():
+        lines += [f"## {section.title}", "", *section_lines(section)]
+    PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+    print(PAGE)
+
+
+def reading() -> list[str]:
+    return [READING.read_text(encoding="utf-8").rstrip(), ""] if READING.exists() else []
+
+
+def section_lines(section: Section) -> Iterator[str]:
+    """Yield what the page says of a sweep."""
+    sweep, results = read_sweep(sweep_file(section.name)), read_results(results_file(section.name))
+    done = [results[job.key] for job in sweep.jobs if job.key in results]
+    yield f"{sweep.about} {count_line(sweep, done)}"
+    yield ""
+    yield f"    robosim sweep docs/results/{section.name}.toml"
+    yield ""
+    table = sweep_table(sweep, results)
+    yield from table.lines(above=paper_rows(table) if section.beside_paper else None)
+    yield ""
+    for sentence in table.reasons():
+        yield f"- None of {sentence}"
+    yield ""
+    for figure, about in (section.also or {}).items():
+        if any(result.figures.get(figure) for result in done):
+            yield about
+            yield ""
+            yield from sweep_table(sweep, results, figure).lines(digits=0 if figure == "touches" else 2)
+            yield ""
+    if done and section.figures:
+        yield from figure_lines(section)
+
+
+def count_line(sweep: Sweep, done: Sequence[Result]) -> str:
+    """Say how much of a sweep has run, and where."""
+    if not done:
+        return f"None of its {len(sweep.jobs)} runs has been made."
+    machines = sorted({result.machine.get("processor", "unknown") for result in done})
+    hours = sum(result.wall_time + result.evaluation_time for result in done) / 3600.0
+    return (
+        f"{len(done)} of {len(sweep.jobs)} runs, {hours:.1f} hours of one core, on {' and '.join(machines)}."
+    )
+
+
+def paper_rows(table: SweepTable) -> dict[str, dict[Column, str]]:
+    """Return the paper's figures as rows, for the columns of one arena and world."""
+    rows: dict[str, dict[Column, str]] = {}
+    for technique, method in TECHNIQUES.items():
+        sizes = {column: dict(column)["robots"] for column in table.columns}
+        rows[f"`{technique}`"] = {
+            column: str(PELLETS[method][size - 1]) for column, size in sizes.items() if isinstance(size, int)
+        }
+    return rows
+
+
+def figure_lines(section: Section) -> Iterator[str]:
+    """Draw the figures of a section and yield the lines that show them."""
+    runs = [one for one in read_runs([results_file(section.name)]) if drawn(section, one)]
+    if not runs:
+        return
+    for name, picture in draw_comparison(compare(runs), runs):
+        if name in section.figures:
+            path = IMAGES / f"results-{section.name}-{name}.png"
+            path.write_bytes(picture.png)
+            yield f"![{section.title}: {name.replace('-', ' ')}](images/{path.name})"
+            yield ""
+
+
+def drawn(section: Section, run: Run) -> bool:
+    return not section.drawn or run.task.robots in section.drawn
+
+
+def quick() -> int:
+    """Run a small comparison from nothing and print its table."""
+    code = robosim(
+        "sweep",
+        str(sweep_file("quick")),
+        "--out",
+        str(RUNS / "quick"),
+        "--results",
+        str(RUNS / "quick.results.jsonl"),
+    )
+    sweep, results = read_sweep(sweep_file("quick")), read_results(RUNS / "quick.results.jsonl")
+    print("\n".join(sweep_table(sweep, results).lines()))
+    print(INTERVALS)
+    return code
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("what", nargs="?", choices=("plan", "run", "write"))
+    parser.add_argument("names", nargs="*", help="sweeps by name; all by default")
+    parser.add_argument("--only", default=None)
+    parser.add_argument("--workers", type=int, default=None)
+    parser.add_argument("--quick", action="store_true")
+    options = parser.parse_args()
+    extra = [] if options.only is None else ["--only", options.only]
+    if options.workers is not None:
+        extra += ["--workers", str(options.workers)]
+    if options.quick:
+        return quick()
+    if options.what == "plan":
+        return plan(options.names)
+    if options.what == "run":
+        return run(options.names, [*extra, "--no-keep-runs"])
+    if options.what == "write":
+        write()
+        return 0
+    parser.print_help()
+    return 2
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except InputError as error:
+        sys.exit(f"{error}")
