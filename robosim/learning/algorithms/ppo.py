@@ -46,7 +46,7 @@ class PpoConfig(OwnActorsConfig):
     """Of the algorithm."""
     rollout: int = Field(default=32, ge=1, le=10_000)
     """Decisions of every environment in an update."""
-    learning_rate: float = Field(default=1e-3, ge=1e-8, le=1)
+    learning_rate: float = Field(default=3e-3, ge=1e-8, le=1)
     """Step size of Adam at the start."""
     entropy_weight: float = Field(default=0.05, ge=0, le=100)
     """Of the entropy of what the actor chooses, which keeps it trying."""
