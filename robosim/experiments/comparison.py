@@ -121,14 +121,13 @@ def compare(runs: Sequence[Run], metric: str = PELLETS, baseline: str | None = N
     normalised = {
         name: [[value / scales[t.task] for value in scores[t.task, name]] for t in usable] for name in whole
     }
-    overall = (
-        [_overall(name, normalised, usable, scores, metric) for name in whole] if len(usable) > 1 else []
-    )
+    overall = [_overall(name, normalised, usable, scores, metric) for name in whole]
+    overall.sort(key=lambda one: one.iqm.value, reverse=metric not in FEWER_IS_BETTER)
     if any(row.iqm.low is None for table in tables for row in table.rows):
         notes.append(
             f"Fewer than {LEAST_RUNS} seeds say too little for an interval: their scores are printed."
         )
-    return Comparison(metric, tables, overall, normalised, notes)
+    return Comparison(metric, tables, overall if len(usable) > 1 else [], normalised, notes)
 
 
 def _scores(runs: Sequence[Run], metric: str) -> tuple[dict[tuple[Task, str], list[float]], list[str]]:

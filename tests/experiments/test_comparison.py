@@ -72,11 +72,23 @@ def test_without_the_reference_the_best_of_each_task_is_the_baseline():
     )
     comparison = compare(given)
     assert [table.baseline for table in comparison.tables] == ["b", "a"]
+    assert [one.system for one in comparison.overall] == ["a", "b"]
     assert {one.system: one.iqm.value for one in comparison.overall} == {
         "a": pytest.approx((5 / 6 + 1) / 2),
         "b": pytest.approx((1 + 6 / 9) / 2),
     }
     assert {one.system: one.improvement.value for one in comparison.overall} == {"a": 0.25, "b": 0.25}
+
+
+def test_over_all_tasks_the_best_comes_first():
+    given = [
+        *runs("a", [1.0] * 3),
+        *runs("b", [9.0] * 3),
+        *runs("b", [9.0] * 3, FOUR),
+        *runs("a", [1.0] * 3, FOUR),
+    ]
+    for order in (given, given[::-1]):
+        assert [one.system for one in compare(order).overall] == ["b", "a"]
 
 
 def test_over_all_tasks_are_those_that_have_runs_of_all():

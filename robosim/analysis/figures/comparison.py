@@ -124,7 +124,7 @@ def by_team_size(panels: Sequence[Panel], systems: Systems, metric: str) -> Figu
         for line in panel.lines:
             # Beside each other, so that intervals do not cover one another.
             place = (systems.names.index(line.name) + 0.5) / len(systems.names) - 0.5
-            x = line.x + 0.36 * place * _least_gap(sizes)
+            x = line.x + place * min(0.36 * _least_gap(sizes), 0.04 * (sizes[-1] - sizes[0]) or 0.04)
             bars = None if line.low is None or line.high is None else [line.y - line.low, line.high - line.y]
             axes.errorbar(
                 x,
@@ -137,6 +137,7 @@ def by_team_size(panels: Sequence[Panel], systems: Systems, metric: str) -> Figu
                 capsize=1.8,
                 marker=systems.marker(line.name),
                 markersize=3.5,
+                clip_on=False,
                 label=_once(line.name, labelled),
             )
         axes.set_title(panel.title)
