@@ -1,5 +1,7 @@
 import itertools
+import re
 import tomllib
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -35,6 +37,16 @@ skip = "it drives two"
 [evaluation]
 episodes = 2
 steps = 50
+"""
+UNMATCHED = """
+[vary]
+robots = [2, 3]
+[[where]]
+match = { robots = 2 }
+options = { seed = 5 }
+[[where]]
+match = { robots = 3, seed = 5 }
+skip = "each has one of them, none has both"
 """
 
 
@@ -107,6 +119,14 @@ def test_an_arena_of_ones_own_is_part_of_the_run(tmp_path):
     assert read(tmp_path, options).jobs[0].key != before.key
     shipped = read(tmp_path, '[options]\narena = "single-lane"\n').jobs[0]
     assert shipped.config["env"]["arena"] == "single-lane"
+
+
+def test_the_file_in_the_docs_is_one(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
+    sweep = read(tmp_path, text)
+    assert len(sweep.runs) == 4 * 4 * 3 + 4 * 3
+    assert sum(bool(run.skip) for run in sweep.runs) == 3
 
 
 def dumped(table):
@@ -209,13 +229,7 @@ def test_keys_do_not_change_when_an_optional_part_is_left_out():
             "where 1: match.robots is true in no run: known names are 2.",
         ),
         (
-            """
-            vary.robots = [2, 3]
-            where = [
-              { match = { robots = 2 }, options = { steps = 5 } },
-              { match = { robots = 3, steps = 5 }, skip = "no" },
-            ]
-            """,
+            UNMATCHED,
             "where 2: no run matches.",
         ),
         (
