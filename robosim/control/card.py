@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from robosim.arena.model import Arena
 from robosim.arena.schema import RobotSection, TimingSection
 from robosim.control.network import NetworkSpec, Weights, check_weights
-from robosim.discretise.observation import gain_columns
+from robosim.discretise.observation import MoveGains, gain_columns
 from robosim.envs.config import EnvConfig
 from robosim.errors import InputError, shown
 from robosim.records import Many, Record
@@ -171,7 +171,7 @@ class PolicyCard(Record):
         return self.evaluation.mean / self.reference.mean
 
     @property
-    def gains(self) -> tuple[int, int] | None:
+    def gains(self) -> MoveGains | None:
         """Where an observation holds the gains of moves, as `gain_columns` returns it."""
         return gain_columns(self.observation, self.env.actions)
 
@@ -191,7 +191,7 @@ class PolicyCard(Record):
         if network.mask and self.gains is None:
             raise ValueError(
                 f"network.mask is {shown(True)}, but must be {shown(False)} where observations hold no gains "
-                "of cardinal moves"
+                "of moves"
             )
         if "\n" not in self.env.arena:
             raise ValueError(f"env.arena is {shown(self.env.arena)}, but must be the text of an arena")

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from robosim.discretise.observation import blocked_moves
+from robosim.discretise.observation import MoveGains, blocked_moves
 from robosim.errors import InputError, shown
 from robosim.records import Many, Record
-from robosim.robot.drivers import NUM_ACTIONS
+from robosim.robot.drivers import FEWEST_ACTIONS
 
 LEAST_SQUARE = 1e-5
 """Added to the mean square, or to the variance, by which hidden layers are normalised."""
@@ -52,7 +52,7 @@ class NetworkSpec(Record):
     """What comes out, of which the largest is chosen: a number for each action of a robot, or (`joint`) one
     for each combination of the actions of all robots. Combination c is written in digits to base `actions`,
     robot 0's action first: c = (a_0 * actions + a_1) * actions + a_2 and so on."""
-    actions: int = Field(default=NUM_ACTIONS, ge=2, le=100)
+    actions: int = Field(default=FEWEST_ACTIONS, ge=2, le=100)
     """Of a robot."""
     of_robot: Many[Annotated[int, Field(ge=0, le=999)]] = Field(min_length=1, max_length=1000)
     """[robots] which of the stored networks each robot runs."""
@@ -134,9 +134,9 @@ class NetworkSpec(Record):
                 f"inputs is {self.inputs}, but must be a multiple of {self.robots}, the number of robots, "
                 'where input is "team"'
             )
-        if self.mask and self.actions != NUM_ACTIONS:
+        if self.mask and self.actions < FEWEST_ACTIONS:
             raise ValueError(
-                f"actions is {self.actions}, but must be {NUM_ACTIONS} where mask is {shown(True)}"
+                f"actions is {self.actions}, but must be at least {FEWEST_ACTIONS} where mask is {shown(True)}"
             )
         return self
 
@@ -148,7 +148,7 @@ class Networks:
         self,
         spec: NetworkSpec,
         weights: Weights,
-        gains: tuple[int, int] | None = None,
+        gains: MoveGains | None = None,
         place: str = "weights",
     ) -> None:
         """Take `weights` of the shapes `spec.shapes`.
@@ -160,7 +160,7 @@ class Networks:
         if spec.mask and gains is None:
             raise InputError(
                 f"mask is {shown(True)}, but must be {shown(False)} where observations hold no "
-                "gains of cardinal moves."
+                "gains of moves."
             )
         self.spec = spec
         self._gains = gains if spec.mask else None
@@ -188,7 +188,7 @@ class Networks:
         if self._gains is not None:
             blocked = np.asarray(blocked_moves(observation, self._gains), np.bool_)
             if spec.joint:
-                values[blocked_combinations(blocked)] = -np.inf
+                values[blocked_combinations(blocked, spec.actions)] = -np.inf
             else:
                 values[..., : blocked.shape[-1]][blocked] = -np.inf
         return values
@@ -226,9 +226,9 @@ def _size(hidden: Floats) -> Floats:
     return size
 
 
-def blocked_combinations(blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which combinations [..., actions ** robots] hold one of the `blocked` moves [..., robots, 4]."""
-    still = np.zeros((*blocked.shape[:-1], NUM_ACTIONS - blocked.shape[-1]), np.bool_)
+def blocked_combinations(blocked: NDArray[np.bool_], actions: int) -> NDArray[np.bool_]:
+    """Return which combinations [..., actions ** robots] hold one of the `blocked` moves [..., robots, moves]."""
+    still = np.zeros((*blocked.shape[:-1], actions - blocked.shape[-1]), np.bool_)
     each = np.concatenate((blocked, still), axis=-1)
     combined = each[..., 0, :]
     for robot in range(1, each.shape[-2]):

@@ -15,6 +15,7 @@ from robosim.discretise.cells import Grid, gain_table
 from robosim.discretise.location import Location, Locator
 from robosim.discretise.modes import Mode, gripper_commands, modes
 from robosim.discretise.observation import ObservationLayout, OwnState, write_own_state
+from robosim.discretise.own_frame import Surroundings, turned
 from robosim.discretise.pheromone import PheromoneConfig, PheromoneMap
 from robosim.discretise.reward import RewardConfig
 from robosim.discretise.sensing import ExactSensor, Percept, Sensor
@@ -43,7 +44,7 @@ class DecPomdp:
         shape = (num_envs, world.robots)
         self.layout = layout
         self.grid = Grid(arena, margin=max(pheromone.radius, 1))
-        self.pheromone = PheromoneMap(self.grid, num_envs, pheromone)
+        self.pheromone = PheromoneMap(self.grid, num_envs, pheromone, layout.num_actions)
         self.truth = Truth(world, reward)
         """Rewards, and who collided and was blocked."""
         self.mode = np.zeros(shape, dtype=np.uint8)
@@ -63,6 +64,7 @@ class DecPomdp:
         self._true: Location
         self._seen: Location
         self._gains = gain_table(self.grid, arena)
+        self._surroundings = Surroundings(self.grid, arena.distances, 2.0 * arena.robot.outer_radius)
         self._first_pellet = arena.pellets.count * np.arange(num_envs)[:, None]
         width, height = arena.size
         self._per_size = np.array([1.0 / width, 1.0 / height])
@@ -129,6 +131,7 @@ class DecPomdp:
         layout = self.layout
         out = np.empty((*seen.cell.shape, layout.size), dtype=np.float32)
         expanded = layout.encoding == "expanded"
+        free, gain = self._around() if expanded else (None, None)
         own = OwnState(
             mode=self.shown_mode,
             laden=percept.laden,
@@ -138,9 +141,9 @@ class DecPomdp:
             previous_action=self.previous_action,
             collisions=self.collisions,
             distances=seen.distances * self._per_farthest,
-            free_neighbours=self.grid.free_neighbours(seen.cell) if expanded and layout.neighbours else None,
+            free_neighbours=free,
             in_place=self.in_place,
-            gain=self._gains.take(seen.cell, axis=0) if expanded else None,
+            gain=gain,
             pellet=self._pellet_in_sight() if expanded else None,
         )
         end = write_own_state(layout, own, out)
@@ -151,6 +154,14 @@ class DecPomdp:
             np.minimum(density, 1.0, out=out[..., -1].T)
         return out
 
+    def _around(self) -> tuple[Bools | None, NDArray[np.float64]]:
+        """Return free neighbours and gains, [envs, robots, 8] each: of the map's sides, or the robot's own."""
+        seen, layout = self._seen, self.layout
+        if layout.own_frame:
+            return self._surroundings.look(seen)
+        free = self.grid.free_neighbours(seen.cell) if layout.neighbours else None
+        return free, self._gains.take(seen.cell, axis=0)
+
     def _pellet_in_sight(self) -> NDArray[np.float64]:
         """Return whether a loose pellet is within `SIGHT`, and where from the robot, [envs, robots, 3]."""
         percept = self._percept
@@ -160,6 +171,8 @@ class DecPomdp:
             apart = percept.pellets.reshape(-1, 2).take(nearest, axis=0)
             apart -= self._seen.position
             apart *= self._per_sight
+            if self.layout.own_frame:
+                apart = turned(apart, self._seen.heading)
             inside = np.abs(apart) <= 1.0
             near = inside[..., 0] & inside[..., 1]
             near &= percept.pellet_status.take(nearest) == LOOSE

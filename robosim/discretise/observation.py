@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robosim.discretise.cells import NEIGHBOURS
 from robosim.discretise.modes import Mode
+from robosim.discretise.own_frame import SIDES
 from robosim.discretise.pheromone import CHANNELS, Seen
-from robosim.robot.drivers import ACTION_NAMES, NUM_ACTIONS, ActionKind
+from robosim.robot.drivers import ACTION_NAMES, ActionKind
 
 Encoding = Literal["paper", "expanded"]
 ENCODINGS: tuple[Encoding, ...] = ("paper", "expanded")
@@ -50,6 +51,16 @@ class ObservationLayout:
         """Whether the tunnel density is in it, as its last number."""
         return self.stigmergy and self.seen != "patch"
 
+    @property
+    def num_actions(self) -> int:
+        """Actions that a robot chooses from."""
+        return len(ACTION_NAMES[self.actions])
+
+    @property
+    def own_frame(self) -> bool:
+        """Whether sides are the robot's own, ahead to right, and not the map's, north to east."""
+        return self.actions != "cardinal"
+
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Name of every number, in order."""
@@ -63,10 +74,12 @@ class ObservationLayout:
         own += ["distance to home", "distance to source"]
         if self.encoding == "expanded":
             own += ["offset in cell x", "offset in cell y", "laden"]
-            own += [f"free {side}" for side in _COMPASS if self.neighbours]
-            own += [f"gain home {side}" for side in _COMPASS[:4]]
-            own += [f"gain source {side}" for side in _COMPASS[:4]]
-            own += ["pellet seen", "pellet x", "pellet y", "in place"]
+            sides = SIDES if self.own_frame else _COMPASS
+            own += [f"free {side}" for side in sides if self.neighbours]
+            own += [f"gain home {side}" for side in sides[:4]]
+            own += [f"gain source {side}" for side in sides[:4]]
+            axes = ("ahead", "left") if self.own_frame else ("x", "y")
+            own += ["pellet seen", *(f"pellet {axis}" for axis in axes), "in place"]
         if self.patch:
             side = range(-self.radius, self.radius + 1)
             own += [
@@ -88,7 +101,7 @@ class ObservationLayout:
     def low(self) -> NDArray[np.float32]:
         """[size] lower bounds."""
         signed = {"heading", "heading sine", "heading cosine", "offset in cell x", "offset in cell y"}
-        signed |= {"pellet x", "pellet y"}
+        signed |= {"pellet x", "pellet y", "pellet ahead", "pellet left"}
         return np.array(
             [-1.0 if name in signed or name.startswith("gain") else 0.0 for name in self.names],
             dtype=np.float32,
@@ -100,43 +113,51 @@ class ObservationLayout:
         return np.ones(self.size, dtype=np.float32)
 
 
-def gain_columns(names: Sequence[str], actions: ActionKind) -> tuple[int, int] | None:
-    """Return where the gains of N, S, W and E begin in an observation: toward home, and toward the source.
+class MoveGains(NamedTuple):
+    """Where an observation holds the gains of moves, which are the first of the actions."""
 
-    `names` are those of its numbers. None where they do not hold it, or actions are not cardinal.
+    home: int
+    """Where the gains toward home begin, in the order of the moves."""
+    source: int
+    moves: int
+    """How many of the actions are moves: N, S, W and E, or forward and back."""
+
+
+def gain_columns(names: Sequence[str], actions: ActionKind) -> MoveGains | None:
+    """Return where the gains of moves are in an observation, the numbers of which have these `names`.
+
+    None where it does not hold them.
     """
-    columns = []
-    for goal in ("home", "source"):
-        four = [f"gain {goal} {side}" for side in _COMPASS[:4]]
-        first = names.index(four[0]) if four[0] in names else len(names)
-        if actions != "cardinal" or list(names[first : first + 4]) != four:
-            return None
-        columns.append(first)
-    return columns[0], columns[1]
+    sides, moves = (_COMPASS, 4) if actions == "cardinal" else (SIDES, 2)
+    home, source = ([f"gain {goal} {side}" for side in sides[:moves]] for goal in ("home", "source"))
+    first = [names.index(gains[0]) if gains[0] in names else len(names) for gains in (home, source)]
+    columns = MoveGains(first[0], first[1], moves)
+    held = [list(names[start : start + moves]) for start in first]
+    return columns if held == [home, source] else None
 
 
-def blocked_moves(observation: _Array, columns: tuple[int, int]) -> _Array:
-    """Return which of the moves N, S, W and E are blocked, [..., 4], for `observation` [..., size].
+def blocked_moves(observation: _Array, columns: MoveGains) -> _Array:
+    """Return which of the moves are blocked, [..., moves], for `observation` [..., size].
 
     A move is blocked when it loses a whole cell toward both goals: it ends at a wall, or leads straight away
     from all that there is to do. `columns` come from `gain_columns`; numpy arrays and torch tensors serve.
     """
-    home, source = columns
-    blocked: _Array = (observation[..., home : home + 4] <= -1.0) & (
-        observation[..., source : source + 4] <= -1.0
+    home, source, moves = columns
+    blocked: _Array = (observation[..., home : home + moves] <= -1.0) & (
+        observation[..., source : source + moves] <= -1.0
     )
     return blocked
 
 
 def mask_blocked_moves(
-    values: NDArray[np.float32], observation: NDArray[np.float32], columns: tuple[int, int] | None
+    values: NDArray[np.float32], observation: NDArray[np.float32], columns: MoveGains | None
 ) -> NDArray[np.float32]:
     """Set the values [..., actions] of blocked moves to minus infinity, in place, and return them.
 
     `observation` is [..., size]; `columns` come from `gain_columns`, and without them no move is blocked.
     """
     if columns is not None:
-        values[..., :4][blocked_moves(observation, columns)] = -np.inf
+        values[..., : columns.moves][blocked_moves(observation, columns)] = -np.inf
     return values
 
 
@@ -171,7 +192,7 @@ class OwnState:
 
 
 _MODE_CODES = np.eye(len(Mode), dtype=np.float32)
-_ACTION_CODES = np.eye(NUM_ACTIONS, dtype=np.float32)
+_ACTION_CODES = {kind: np.eye(len(names), dtype=np.float32) for kind, names in ACTION_NAMES.items()}
 
 
 def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.float32]) -> int:
@@ -184,7 +205,7 @@ def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.fl
         out[..., 0] = own.mode * (1.0 / (len(Mode) - 1))
         out[..., 1:3] = own.position
         out[..., 3] = own.heading * (1.0 / np.pi)
-        out[..., 4] = own.previous_action * (1.0 / (NUM_ACTIONS - 1))
+        out[..., 4] = own.previous_action * (1.0 / (layout.num_actions - 1))
         out[..., 5] = crowd
         out[..., 6:8] = own.distances
         return 8
@@ -192,15 +213,16 @@ def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.fl
     out[..., 7:9] = own.position
     out[..., 9] = np.sin(own.heading)
     out[..., 10] = np.cos(own.heading)
-    out[..., 11:16] = _ACTION_CODES.take(own.previous_action, axis=0)
-    out[..., 16] = crowd
-    out[..., 17:19] = own.distances
-    out[..., 19:21] = own.offset
-    out[..., 21] = own.laden
-    end = 22
+    end = 11 + layout.num_actions
+    out[..., 11:end] = _ACTION_CODES[layout.actions].take(own.previous_action, axis=0)
+    out[..., end] = crowd
+    out[..., end + 1 : end + 3] = own.distances
+    out[..., end + 3 : end + 5] = own.offset
+    out[..., end + 5] = own.laden
+    end += 6
     if layout.neighbours:
+        out[..., end : end + len(NEIGHBOURS)] = own.free_neighbours
         end += len(NEIGHBOURS)
-        out[..., 22:end] = own.free_neighbours
     out[..., end : end + 8] = own.gain
     out[..., end + 8 : end + 11] = own.pellet
     out[..., end + 11] = own.in_place % IN_PLACE_CYCLE * (1.0 / IN_PLACE_CYCLE)

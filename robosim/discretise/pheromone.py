@@ -19,7 +19,6 @@ Seen = Literal["all", "patch", "density"]
 CHANNELS = ("occupancy", "mode", "laden", "action")
 # From 1 over the number of kinds up to 1, so that no mark looks like none.
 _MODE_MARKS = np.arange(1.0, 8.0) * (1.0 / 7.0)
-_ACTION_MARKS = np.arange(1.0, 6.0) * (1.0 / 5.0)
 
 SLOWEST = 1e-6
 """Least decay and reinforcement: with none, a map would have no saturation to be read against."""
@@ -58,7 +57,7 @@ class PheromoneMap:
     pheromones) and then diffuses between free cells; walls reflect it.
     """
 
-    def __init__(self, grid: Grid, num_envs: int, config: PheromoneConfig) -> None:
+    def __init__(self, grid: Grid, num_envs: int, config: PheromoneConfig, num_actions: int) -> None:
         self._grid = grid
         self._config = config
         self._maps = np.zeros((num_envs, len(CHANNELS), grid.size))
@@ -73,6 +72,7 @@ class PheromoneMap:
         self._patch = grid.flat_steps(steps)
         self._first_cell = len(CHANNELS) * grid.size * np.arange(num_envs)[:, None]
         self._fade_scale = 1.0 / config.saturation
+        self._action_marks = np.arange(1.0, num_actions + 1.0) * (1.0 / num_actions)
 
     @property
     def patch_size(self) -> int:
@@ -104,7 +104,7 @@ class PheromoneMap:
         occupancy *= 1.0 - self._config.decay
         here = cell + self._first_cell
         flat[here] = flat.take(here) + self._config.reinforcement
-        for mark in (_MODE_MARKS.take(mode), laden, _ACTION_MARKS.take(action)):
+        for mark in (_MODE_MARKS.take(mode), laden, self._action_marks.take(action)):
             here += size
             flat[here] = mark
         if self._config.diffusion > 0.0:

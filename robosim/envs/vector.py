@@ -19,7 +19,6 @@ from robosim.envs.config import EnvConfig, env_config
 from robosim.episodes.frame import Frame
 from robosim.episodes.trajectory import Trajectory
 from robosim.errors import InputError, refused, whole_number
-from robosim.robot.drivers import NUM_ACTIONS
 from robosim.world.factory import make_world
 from robosim.world.state import World
 
@@ -78,7 +77,7 @@ class VectorEnv:
 
     Copies differ only by their seed, and each gives the same trajectory as it would alone. All
     episodes have the same length, so they end together; with `autoreset` the next ones begin at
-    once. Observations are float32 [envs, robots, size], actions integers [envs, robots] in 0 to 4.
+    once. Observations are float32 [envs, robots, size], actions integers [envs, robots], from 0 to `num_actions` - 1.
     """
 
     def __init__(
@@ -105,8 +104,8 @@ class VectorEnv:
         self.seeds = self.seeds_from(seed)
         config = self.config
         self.robots = config.robots
-        self.num_actions = NUM_ACTIONS
         self.layout = config.layout
+        self.num_actions = self.layout.num_actions
         self._world = make_world(
             config.world, arena, config.robots, self.num_envs, config.actions, config.pellet_gradient
         )
@@ -164,7 +163,7 @@ class VectorEnv:
         Raises InputError for actions of the wrong shape, kind or range, before the first reset, and after
         the end of an episode when `autoreset` is off.
         """
-        chosen = checked_actions(actions, (self.num_envs, self.robots))
+        chosen = checked_actions(actions, (self.num_envs, self.robots), self.num_actions)
         if self.episode < 0:
             raise InputError("step: no episode has begun; call reset first.")
         if self.steps_taken >= self.episode_steps:
@@ -273,9 +272,9 @@ class VectorEnv:
         return seeds
 
 
-def checked_actions(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[np.int64]:
+def checked_actions(actions: ArrayLike, shape: tuple[int, int], num_actions: int) -> NDArray[np.int64]:
     """Return actions as integers of `shape` [envs, robots]; InputError for another shape, kind or range."""
-    allowed = f"whole numbers from 0 to {NUM_ACTIONS - 1}, [envs, robots] = {list(shape)}"
+    allowed = f"whole numbers from 0 to {num_actions - 1}, [envs, robots] = {list(shape)}"
     try:
         array = np.asarray(actions)
     except ValueError:
@@ -284,7 +283,7 @@ def checked_actions(actions: ArrayLike, shape: tuple[int, int]) -> NDArray[np.in
         raise InputError(f"actions has the shape {list(array.shape)}, but must be {allowed}.")
     if array.dtype.kind not in "iu":
         raise InputError(f"actions is of type {array.dtype}, but must be {allowed}.")
-    if array.min() < 0 or array.max() >= NUM_ACTIONS:
-        wrong = int(array[(array < 0) | (array >= NUM_ACTIONS)][0])
+    if array.min() < 0 or array.max() >= num_actions:
+        wrong = int(array[(array < 0) | (array >= num_actions)][0])
         raise InputError(f"actions holds {wrong}, but must be {allowed}.")
     return array.astype(np.int64)

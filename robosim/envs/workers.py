@@ -114,7 +114,7 @@ class WorkerVectorEnv:
 
     def step(self, actions: ArrayLike) -> Transition:
         """Take one decision in every environment: `actions` is [envs, robots]."""
-        self._arrays["actions"][:] = checked_actions(actions, (self.num_envs, self.robots))
+        self._arrays["actions"][:] = checked_actions(actions, (self.num_envs, self.robots), self.num_actions)
         for worker in range(len(self._shares)):
             self._send(worker, ("step", None))
         self._answers()

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from robosim.envs.config import EnvConfig
 from robosim.errors import InputError, shown
 from robosim.files import require_writable, whole_file
-from robosim.robot.drivers import NUM_ACTIONS
 
 SUFFIX = ".npz"
 """What the name of a trajectory's file ends in."""
@@ -122,7 +121,7 @@ def _require(source: Path, names: tuple[str, ...], there: list[str]) -> None:
 
 def _checked(source: Path, values: _Values) -> Trajectory:
     config = _config(source, values)
-    chosen = _chosen(source, values["chosen"])
+    chosen = _chosen(source, values["chosen"], config.layout.num_actions)
     if chosen.shape[1] != config.robots:
         raise _refused(source, "chosen", _described(chosen), f"bytes [decisions, {config.robots}]")
     policy = _text(source, "policy", values)
@@ -161,12 +160,12 @@ def _whole(source: Path, name: str, value: NDArray[np.generic]) -> int:
     return number
 
 
-def _chosen(source: Path, value: NDArray[np.generic]) -> NDArray[np.uint8]:
-    allowed = f"bytes [decisions, robots] from 0 to {NUM_ACTIONS - 1}"
+def _chosen(source: Path, value: NDArray[np.generic], num_actions: int) -> NDArray[np.uint8]:
+    allowed = f"bytes [decisions, robots] from 0 to {num_actions - 1}"
     if value.dtype != np.uint8 or value.ndim != 2 or value.shape[1] < 1:
         raise _refused(source, "chosen", _described(value), allowed)
     chosen = value.astype(np.uint8)
-    wrong = chosen[chosen >= NUM_ACTIONS]
+    wrong = chosen[chosen >= num_actions]
     if len(wrong):
         raise _refused(source, "chosen", wrong[0], allowed)
     return chosen

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.control.network import Networks
+from robosim.discretise.observation import MoveGains
 from robosim.errors import InputError
 from robosim.learning.algorithms.protocol import Actors
 
@@ -47,7 +48,7 @@ def joined(before: Actors | None, after: Actors) -> Actors:
 class FrozenTeam:
     """Robots that act by what they have learned, without exploration, and learn no more."""
 
-    def __init__(self, actors: Actors, gains: tuple[int, int] | None = None) -> None:
+    def __init__(self, actors: Actors, gains: MoveGains | None = None) -> None:
         """`gains` is where observations hold the gains of moves, for networks with a mask."""
         self.robots = actors.spec.robots
         self._networks = Networks(actors.spec, actors.weights, gains)

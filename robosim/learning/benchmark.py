@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 import torch
 
+from robosim.discretise.observation import MoveGains
 from robosim.learning.algorithms.dqn.learner import DqnSettings, StackedDoubleDQN
 from robosim.learning.computing import one_thread
 from robosim.learning.networks import NetworkShape
@@ -115,7 +116,7 @@ def measure_one_for_all(
     updates: int, network: NetworkShape = ONE_FOR_ALL, batch_size: int = TEAM.robots * BATCH_SIZES[0]
 ) -> UpdateCost:
     """Return the cost of an update of `ps-dqn`: one network, normalised, with blocked moves masked."""
-    update = full_update(network, batch_size, gains=(0, 4))
+    update = full_update(network, batch_size, gains=MoveGains(0, 4, 4))
     seconds, products = time_in_turns([update, bare_products(network, batch_size)], updates)
     return UpdateCost(network.robots, batch_size, "float32", seconds, products, seconds)
 
@@ -177,7 +178,7 @@ def full_update(
     shape: NetworkShape,
     batch_size: int,
     precision: Precision = "float32",
-    gains: tuple[int, int] | None = None,
+    gains: MoveGains | None = None,
 ) -> Work:
     """Return the update of a learner whose replay is filled; `gains` as in `DqnSettings`."""
     settings = DqnSettings(

@@ -23,11 +23,10 @@ MIDDLE_SHARE = 2.0 / 3.0
 speed drives in a decision: so it ends no further beyond the middle than the rest of that distance."""
 WIGGLE_SPEEDS = np.array([0.0, -0.5, 0.5, -0.5, 0.5, -0.5])
 """Speeds in the decisions that a jam lasts, in top speeds: back out of it, then forward, and so on."""
-ActionKind = Literal["cardinal", "wheels"]
-ACTION_KINDS: tuple[ActionKind, ...] = ("cardinal", "wheels")
-NUM_ACTIONS = 5
+ActionKind = Literal["cardinal", "wheels", "wheels-9"]
+ACTION_KINDS: tuple[ActionKind, ...] = ("cardinal", "wheels", "wheels-9")
 STOP = 4
-"""The last action of both kinds is Stop."""
+"""Stop has the same number in every kind."""
 
 TURN_FIRST_ABOVE = np.array(np.radians(40.0))
 """Heading error above which the cardinal driver turns on the spot before it drives, rad."""
@@ -46,13 +45,24 @@ class Cardinal(IntEnum):
 
 
 class Wheels(IntEnum):
-    """Actions of kind `wheels`: wheel speeds held for the whole decision."""
+    """Actions of kinds `wheels`, the first five, and `wheels-9`: wheel speeds held for the whole decision."""
 
     FORWARD = 0
     BACK = 1
     SPIN_LEFT = 2
     SPIN_RIGHT = 3
     STOP = 4
+    BEAR_LEFT = 5
+    BEAR_RIGHT = 6
+    TURN_LEFT = 7
+    TURN_RIGHT = 8
+
+
+WHEEL_SPEEDS = np.array(
+    [[1.0, 1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [0.0, 0.0],
+     [0.5, 1.0], [1.0, 0.5], [-0.5, 0.5], [0.5, -0.5]]
+)  # fmt: skip
+"""[9, 2] speeds of the left and the right wheel of `Wheels`, as shares of the top wheel speed."""
 
 
 CARDINAL_STEPS = np.array([[0, 1], [0, -1], [-1, 0], [1, 0], [0, 0]], dtype=np.int64)
@@ -64,7 +74,12 @@ PER_TWO_PI = np.array(1.0 / TWO_PI)
 ACTION_NAMES: dict[str, tuple[str, ...]] = {
     "cardinal": ("north", "south", "west", "east", "stop"),
     "wheels": ("forward", "back", "spin left", "spin right", "stop"),
-}
+    "wheels-9": (
+        "forward", "back", "spin left", "spin right", "stop", "bear left", "bear right", "turn left", "turn right"
+    ),
+}  # fmt: skip
+FEWEST_ACTIONS = min(map(len, ACTION_NAMES.values()))
+"""Of any kind."""
 
 
 class Driver(Protocol):
@@ -180,8 +195,7 @@ class WheelsDriver:
     """Holds the wheel speeds of the action for the whole decision."""
 
     def __init__(self, sheet: RobotSheet) -> None:
-        top = sheet.max_wheel_speed
-        self._table = np.array([[top, top], [-top, -top], [-top, top], [top, -top], [0.0, 0.0]])
+        self._table = WHEEL_SPEEDS * sheet.max_wheel_speed
         self._speeds = np.empty(0)
 
     def reset(self, pose: Floats) -> None:

@@ -29,7 +29,7 @@ SYMMETRIC = parse_arena(
 
 def make_map(config: PheromoneConfig, arena: Arena = PAPER, envs: int = 1) -> tuple[Grid, PheromoneMap]:
     grid = Grid(arena, max(config.radius, 1))
-    pheromone = PheromoneMap(grid, envs, config)
+    pheromone = PheromoneMap(grid, envs, config, 5)
     pheromone.reset()
     return grid, pheromone
 

@@ -16,7 +16,7 @@ from pydantic import Field
 from torch import Tensor
 
 from robosim.control.network import NetworkSpec, Output
-from robosim.discretise.observation import blocked_moves
+from robosim.discretise.observation import MoveGains, blocked_moves
 from robosim.errors import InputError, shown
 from robosim.learning.algorithms.protocol import Actors, AlgorithmConfig, Experience, State, Task
 from robosim.learning.computing import denormals_flushed
@@ -198,7 +198,7 @@ class ActorCritic(ABC):
             return logits
         return logits.masked_fill(self._blocked(observation, self._gains), _NEVER)
 
-    def _blocked(self, observation: Tensor, gains: tuple[int, int]) -> Tensor:
+    def _blocked(self, observation: Tensor, gains: MoveGains) -> Tensor:
         """Return which actions [..., robots, actions] are not chosen."""
         blocked = blocked_moves(observation, gains)
         rest = blocked.new_zeros((*blocked.shape[:-1], self.task.num_actions - blocked.shape[-1]))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from robosim.control.network import MOST_OUTPUTS, NetworkSpec, blocked_combinations
-from robosim.discretise.observation import blocked_moves
+from robosim.discretise.observation import MoveGains, blocked_moves
 from robosim.errors import InputError
 from robosim.learning.algorithms.actor_critic import ActorCriticConfig, AdvantageActorCritic, Floats
 from robosim.learning.algorithms.protocol import Actors, Experience, Task
@@ -73,9 +73,10 @@ class MaA2c(AdvantageActorCritic):
             )
         )
 
-    def _blocked(self, observation: Tensor, gains: tuple[int, int]) -> Tensor:
+    def _blocked(self, observation: Tensor, gains: MoveGains) -> Tensor:
         each = observation.reshape(*observation.shape[:-1], self.task.robots, self.task.size)
-        return torch.from_numpy(blocked_combinations(blocked_moves(each, gains).numpy()))
+        combinations = blocked_combinations(blocked_moves(each, gains).numpy(), self.task.num_actions)
+        return torch.from_numpy(combinations)
 
 
 def _as_one(observation: Floats) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.control.network import NetworkSpec
-from robosim.discretise.observation import gain_columns
+from robosim.discretise.observation import MoveGains, gain_columns
 from robosim.records import Record
 from robosim.robot.drivers import ActionKind
 
@@ -46,7 +46,7 @@ class Task:
         return len(self.names)
 
     @property
-    def gains(self) -> tuple[int, int] | None:
+    def gains(self) -> MoveGains | None:
         """Where an observation holds the gains of moves (`gain_columns`), if it does."""
         return gain_columns(self.names, self.actions)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from robosim.control.network import LEAST_SQUARE, Normalisation
-from robosim.discretise.observation import blocked_moves
+from robosim.discretise.observation import MoveGains, blocked_moves
 from robosim.learning.networks import NetworkShape, Parameters, initialise
 
 
@@ -84,7 +84,7 @@ def by_robot(array: NDArray[np.float32] | NDArray[np.int64]) -> Tensor:
     return rows.transpose(0, 1).contiguous()
 
 
-def mask_blocked(values: Tensor, inputs: Tensor, gains: tuple[int, int] | None) -> Tensor:
+def mask_blocked(values: Tensor, inputs: Tensor, gains: MoveGains | None) -> Tensor:
     """Return values [..., actions] with minus infinity for moves blocked by what `inputs` [..., size] say.
 
     `gains` comes from `gain_columns`; None for no mask.

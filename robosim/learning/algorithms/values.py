@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from robosim.control.network import NetworkSpec
-from robosim.discretise.observation import mask_blocked_moves
+from robosim.discretise.observation import MoveGains, mask_blocked_moves
 from robosim.errors import InputError, shown
 from robosim.learning.algorithms.protocol import AlgorithmConfig
 from robosim.records import Many
@@ -101,7 +101,7 @@ def epsilon_greedy(
     observation: NDArray[np.float32],
     epsilon: float | NDArray[np.float64],
     num_actions: int,
-    gains: tuple[int, int] | None,
+    gains: MoveGains | None,
 ) -> NDArray[np.int64]:
     """Choose actions [envs, robots]: each robot its best that is open, or with probability `epsilon` any.
 

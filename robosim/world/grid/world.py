@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
 from robosim.errors import refused
-from robosim.robot.drivers import CARDINAL_STEPS, NUM_ACTIONS, ActionKind
+from robosim.robot.drivers import ACTION_NAMES, CARDINAL_STEPS, ActionKind
 from robosim.world.contacts import ContactKind, Contacts, no_contacts
 from robosim.world.draws import draw_episode
 from robosim.world.grid.conflicts import Crowd, Outcome
@@ -53,6 +53,10 @@ class GridWorld:
         self, arena: Arena, robots: int, num_envs: int, actions: ActionKind, pellet_gradient: float = 0.0
     ) -> None:
         """`pellet_gradient` is explained in `robosim.world.draws.draw_pellets`."""
+        if actions == "wheels-9":
+            raise refused(
+                "actions", actions, '"cardinal" or "wheels" in the grid, where robots turn by quarters'
+            )
         self.arena = grid_arena(arena)
         if robots > self.arena.capacity:
             room = f"the room in arena {arena.name!r} in the grid, one robot a cell"
@@ -67,6 +71,7 @@ class GridWorld:
         self.state = blank_state(num_envs, robots, arena.pellets.count)
         self.contacts = no_contacts()
         self.wheel_energy: Floats = np.full(shape, np.nan)
+        self._num_actions = len(ACTION_NAMES[actions])
         self._step_of, self._heading_after = _moves(actions, arena.columns)
         centre = middles(arena)
         self._centre = centre
@@ -121,7 +126,7 @@ class GridWorld:
         """Advance all environments by one decision: actions and gripper commands are [envs, robots]."""
         self._decisions += 1
         order, chance = self._lots.draw()
-        choice = self._heading * NUM_ACTIONS + actions
+        choice = self._heading * self._num_actions + actions
         target = self._cell + self._step_of.take(choice)
         outcome = self._crowd.move(self._cell, target, order)
         self._list_contacts(target, outcome)
@@ -196,7 +201,7 @@ def _moves(actions: ActionKind, columns: int) -> tuple[Integers, Integers]:
     stride = np.array([1, columns])
     quarter = np.arange(QUARTERS)
     if actions == "cardinal":
-        step = np.broadcast_to(CARDINAL_STEPS @ stride, (QUARTERS, NUM_ACTIONS))
+        step = np.broadcast_to(CARDINAL_STEPS @ stride, (QUARTERS, len(CARDINAL_STEPS)))
         after = np.stack([*(np.full(QUARTERS, one) for one in CARDINAL_QUARTERS), quarter], axis=1)
     else:
         ahead, nothing = FORWARD @ stride, np.zeros(QUARTERS, dtype=np.int64)

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from robosim.discretise.observation import blocked_moves
+from robosim.discretise.observation import MoveGains, blocked_moves
 from robosim.errors import InputError
 from robosim.learning.algorithms.dqn.replay import Batch, Replay
 from robosim.learning.algorithms.values import epsilon_greedy
@@ -48,7 +48,7 @@ class DqnSettings:
     """Transitions kept of each robot."""
     reward_scale: float
     """Factor on rewards before learning; it brings action values near 1, where the network starts."""
-    gains: tuple[int, int] | None = None
+    gains: MoveGains | None = None
     """Where observations hold the gains of moves (`gain_columns`), of which blocked ones are not chosen; None
     for no mask."""
 
@@ -242,7 +242,8 @@ class _Block:
         bootstrap = forward(self.target, batch.successors, self.after).clone()
         values = forward(self.online, batch.successors, self.after)
         if settings.gains is not None:
-            values[..., :4].masked_fill_(blocked_moves(batch.successors, settings.gains), -torch.inf)
+            blocked = blocked_moves(batch.successors, settings.gains)
+            values[..., : settings.gains.moves].masked_fill_(blocked, -torch.inf)
         best = values.max(dim=2, keepdim=True).indices
         values = forward(self.online, batch.observations, self.now)
         torch.gather(values, 2, batch.actions, out=error)
