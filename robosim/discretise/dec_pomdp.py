@@ -148,7 +148,8 @@ class DecPomdp:
         )
         end = write_own_state(layout, own, out)
         if layout.patch:
-            self.pheromone.read(seen.cell, out[..., end : end + self.pheromone.patch_size])
+            heading = seen.heading if layout.own_frame else None
+            self.pheromone.read(seen.cell, out[..., end : end + self.pheromone.patch_size], heading)
         if layout.density:
             density = self.density if seen is self._true else self.grid.tunnel_density(seen.cell)
             np.minimum(density, 1.0, out=out[..., -1].T)

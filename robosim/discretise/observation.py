@@ -59,7 +59,7 @@ class ObservationLayout:
     @property
     def own_frame(self) -> bool:
         """Whether sides are the robot's own, ahead to right, and not the map's, north to east."""
-        return self.actions != "cardinal"
+        return self.actions != "cardinal" and self.encoding == "expanded"
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -83,7 +83,7 @@ class ObservationLayout:
         if self.patch:
             side = range(-self.radius, self.radius + 1)
             own += [
-                f"{channel} ({column:+d}, {row:+d})"
+                f"{channel} ({row:+d} ahead, {-column:+d} left)" if self.own_frame else f"{channel} ({column:+d}, {row:+d})"
                 for channel in CHANNELS
                 for row in reversed(side)
                 for column in side

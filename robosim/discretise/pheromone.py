@@ -20,6 +20,11 @@ CHANNELS = ("occupancy", "mode", "laden", "action")
 # From 1 over the number of kinds up to 1, so that no mark looks like none.
 _MODE_MARKS = np.arange(1.0, 8.0) * (1.0 / 7.0)
 
+QUARTERS = 4
+"""Of a turn."""
+_QUARTER_LEFT = np.array([[0, 1], [-1, 0]])
+"""Rows (column, row) times this are turned to the left by a quarter."""
+
 SLOWEST = 1e-6
 """Least decay and reinforcement: with none, a map would have no saturation to be read against."""
 FASTEST_DIFFUSION = 0.2
@@ -70,6 +75,9 @@ class PheromoneMap:
         side = np.arange(-config.radius, config.radius + 1)
         steps = np.array([(column, row) for row in side[::-1] for column in side], dtype=np.int64)
         self._patch = grid.flat_steps(steps)
+        # Turned left by as many quarters as the heading is from east; ahead is where north is in the other.
+        turned = [steps @ np.linalg.matrix_power(_QUARTER_LEFT, quarter - 1 + QUARTERS) for quarter in range(QUARTERS)]
+        self._turned_patches = np.stack([grid.flat_steps(one) for one in turned])
         self._first_cell = len(CHANNELS) * grid.size * np.arange(num_envs)[:, None]
         self._fade_scale = 1.0 / config.saturation
         self._action_marks = np.arange(1.0, num_actions + 1.0) * (1.0 / num_actions)
@@ -121,13 +129,19 @@ class PheromoneMap:
         rho[:, :-1] += right
         rho[:, 1:] -= right
 
-    def read(self, cell: Integers, out: NDArray[np.float32]) -> None:
+    def read(self, cell: Integers, out: NDArray[np.float32], heading: Floats | None = None) -> None:
         """Write the patches around the robots in `cell` [envs, robots] into `out` [envs, robots, patch_size].
 
-        Channel by channel, each from the north-west to the south-east. Occupancy is given relative
-        to its saturation, at most 1; the marks fade with it. What lies outside reads 0.
+        Channel by channel, each from the north-west to the south-east; with a `heading` [envs, robots] (rad)
+        from ahead on the left to behind on the right, to the nearest quarter of a turn. Occupancy is given
+        relative to its saturation, at most 1; the marks fade with it. What lies outside reads 0.
         """
-        at = (cell + self._first_cell)[..., None] + self._patch
+        at = (cell + self._first_cell)[..., None]
+        if heading is None:
+            at = at + self._patch
+        else:
+            quarter = np.rint(heading * (2.0 / np.pi)).astype(np.int64) % QUARTERS
+            at = at + self._turned_patches.take(quarter, axis=0)
         strength = np.minimum(self._flat.take(at) * self._fade_scale, 1.0)
         size = len(self._patch)
         out[..., :size] = strength
