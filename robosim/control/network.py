@@ -136,7 +136,8 @@ class NetworkSpec(Record):
             )
         if self.mask and self.actions < FEWEST_ACTIONS:
             raise ValueError(
-                f"actions is {self.actions}, but must be at least {FEWEST_ACTIONS} where mask is {shown(True)}"
+                f"actions is {self.actions}, but must be at least {FEWEST_ACTIONS} "
+                f"where mask is {shown(True)}"
             )
         return self
 
@@ -227,7 +228,7 @@ def _size(hidden: Floats) -> Floats:
 
 
 def blocked_combinations(blocked: NDArray[np.bool_], actions: int) -> NDArray[np.bool_]:
-    """Return which combinations [..., actions ** robots] hold one of the `blocked` moves [..., robots, moves]."""
+    """Return which combinations [..., actions ** robots] hold a `blocked` move [..., robots, moves]."""
     still = np.zeros((*blocked.shape[:-1], actions - blocked.shape[-1]), np.bool_)
     each = np.concatenate((blocked, still), axis=-1)
     combined = each[..., 0, :]

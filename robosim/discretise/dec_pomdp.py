@@ -156,7 +156,7 @@ class DecPomdp:
         return out
 
     def _around(self) -> tuple[Bools | None, NDArray[np.float64]]:
-        """Return free neighbours and gains, [envs, robots, 8] each: of the map's sides, or the robot's own."""
+        """Return free neighbours and gains, [envs, robots, 8] each, of the map's sides or the robot's own."""
         seen, layout = self._seen, self.layout
         if layout.own_frame:
             return self._surroundings.look(seen)

@@ -83,7 +83,9 @@ class ObservationLayout:
         if self.patch:
             side = range(-self.radius, self.radius + 1)
             own += [
-                f"{channel} ({row:+d} ahead, {-column:+d} left)" if self.own_frame else f"{channel} ({column:+d}, {row:+d})"
+                f"{channel} ({row:+d} ahead, {-column:+d} left)"
+                if self.own_frame
+                else f"{channel} ({column:+d}, {row:+d})"
                 for channel in CHANNELS
                 for row in reversed(side)
                 for column in side

@@ -76,7 +76,10 @@ class PheromoneMap:
         steps = np.array([(column, row) for row in side[::-1] for column in side], dtype=np.int64)
         self._patch = grid.flat_steps(steps)
         # Turned left by as many quarters as the heading is from east; ahead is where north is in the other.
-        turned = [steps @ np.linalg.matrix_power(_QUARTER_LEFT, quarter - 1 + QUARTERS) for quarter in range(QUARTERS)]
+        turned = [
+            steps @ np.linalg.matrix_power(_QUARTER_LEFT, quarter - 1 + QUARTERS)
+            for quarter in range(QUARTERS)
+        ]
         self._turned_patches = np.stack([grid.flat_steps(one) for one in turned])
         self._first_cell = len(CHANNELS) * grid.size * np.arange(num_envs)[:, None]
         self._fade_scale = 1.0 / config.saturation

@@ -37,7 +37,7 @@ class EnvConfig(Record):
     robots: int = Field(default=4, ge=1, le=1000)
     """Size of the team."""
     actions: ActionKind = "cardinal"
-    """What the five actions are: toward the neighbouring cell, or wheel speeds."""
+    """What the actions are: toward the neighbouring cell, or wheel speeds, five or nine."""
     encoding: Encoding = "expanded"
     """How observations are written: the paper's eight numbers, or one-hot codes and more."""
     neighbours: bool = True

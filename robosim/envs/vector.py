@@ -77,7 +77,8 @@ class VectorEnv:
 
     Copies differ only by their seed, and each gives the same trajectory as it would alone. All
     episodes have the same length, so they end together; with `autoreset` the next ones begin at
-    once. Observations are float32 [envs, robots, size], actions integers [envs, robots], from 0 to `num_actions` - 1.
+    once. Observations are float32 [envs, robots, size], actions integers [envs, robots] from 0 to
+    `num_actions` - 1.
     """
 
     def __init__(

@@ -75,7 +75,8 @@ ACTION_NAMES: dict[str, tuple[str, ...]] = {
     "cardinal": ("north", "south", "west", "east", "stop"),
     "wheels": ("forward", "back", "spin left", "spin right", "stop"),
     "wheels-9": (
-        "forward", "back", "spin left", "spin right", "stop", "bear left", "bear right", "turn left", "turn right"
+        "forward", "back", "spin left", "spin right", "stop",
+        "bear left", "bear right", "turn left", "turn right",
     ),
 }  # fmt: skip
 FEWEST_ACTIONS = min(map(len, ACTION_NAMES.values()))

@@ -50,7 +50,7 @@ def refused(tmp_path, text):
             4,
             "network.of_robot is [0, 1, 2], but must hold 4 numbers, one for each robot.",
         ),
-        ("env.actions", "fly", 'env.actions is "fly", but must be "cardinal" or "wheels".'),
+        ("env.actions", "fly", 'env.actions is "fly", but must be "cardinal" or "wheels" or "wheels-9".'),
         ("env.arena", "/etc/passwd", 'env.arena is "/etc/passwd", but must be the text of an arena.'),
         ("env.pheromone.decay", 2, "env.pheromone.decay is 2, but must be a number from 1e-06 to 1."),
         ("arena.cell_size", float("nan"), "arena.cell_size is nan, but must be a number above 0."),
@@ -81,7 +81,7 @@ def refused(tmp_path, text):
             True,
             (
                 f"network.mask is {shown(True)}, but must be {shown(False)} where "
-                "observations hold no gains of cardinal moves."
+                "observations hold no gains of moves."
             ),
         ),
         (

@@ -6,7 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robosim.control.network import Networks, NetworkSpec
+from robosim.discretise.observation import MoveGains
 from robosim.errors import InputError, shown
+
+MOVES = MoveGains(0, 4, 4)
 
 
 def weights_of(spec, seed=0, scale=1.0):
@@ -93,7 +96,7 @@ def test_joint_outputs_are_decoded_with_the_first_robot_as_the_most_significant_
     weights = weights_of(spec)
     observation = rng.uniform(-0.99, 1, (40, robots, 8)).astype(np.float32)
     observation[rng.random(observation.shape) < 0.5] = -1.0
-    networks = Networks(spec, weights, (0, 4) if mask else None)
+    networks = Networks(spec, weights, MOVES if mask else None)
     outputs, chosen = networks.outputs(observation), networks.act(observation)
     assert outputs.shape == (40, 5**robots)
     assert chosen.shape == (40, robots)
@@ -123,7 +126,7 @@ def test_blocked_moves_are_not_chosen_by_single_robots():
     observation[rng.random(observation.shape) < 0.6] = -1.0
     blocked = (observation[..., :4] == -1) & (observation[..., 4:] == -1)
     blocked = np.concatenate([blocked, np.zeros((200, 2, 1), bool)], axis=2)
-    masked, unmasked = Networks(spec, weights, (0, 4)), Networks(free, weights, (0, 4))
+    masked, unmasked = Networks(spec, weights, MOVES), Networks(free, weights, MOVES)
     assert (masked.outputs(observation) == np.where(blocked, -np.inf, unmasked.outputs(observation))).all()
     taken = np.take_along_axis(blocked, masked.act(observation)[..., None], axis=2)
     assert blocked.any()
@@ -131,8 +134,7 @@ def test_blocked_moves_are_not_chosen_by_single_robots():
     with pytest.raises(InputError) as caught:
         Networks(spec, weights)
     assert str(caught.value) == (
-        f"mask is {shown(True)}, but must be {shown(False)} where "
-        "observations hold no gains of cardinal moves."
+        f"mask is {shown(True)}, but must be {shown(False)} where observations hold no gains of moves."
     )
 
 
@@ -214,7 +216,7 @@ JOINT = {"output": "joint action values"}
             {"input": "team", "of_robot": [0, 1]},
             'inputs is 7, but must be a multiple of 2, the number of robots, where input is "team".',
         ),
-        ({"mask": True, "actions": 4}, f"actions is 4, but must be 5 where mask is {shown(True)}."),
+        ({"mask": True, "actions": 4}, f"actions is 4, but must be at least 5 where mask is {shown(True)}."),
         ({"activation": "gelu"}, 'activation is "gelu", but must be "relu" or "tanh".'),
         ({"hidden": [4097]}, "hidden is 4097, but must be a list of 1 to 8 whole numbers from 1 to 4096."),
     ],

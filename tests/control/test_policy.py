@@ -135,7 +135,7 @@ def test_blocked_moves_are_worth_nothing_and_not_taken(card_of, weights_of):
     assert not taken.any()
 
 
-def test_a_mask_needs_observations_that_hold_the_gains_of_cardinal_moves(card_of):
+def test_a_mask_needs_observations_that_hold_the_gains_of_moves(card_of):
     names = [f"gain {goal} {side}" for goal in ("home", "source") for side in "NSWE"]
     card_of(size=8, observation=names, network={"mask": True})
     # Four and four in a row, or nothing can be read from them.
@@ -148,7 +148,7 @@ def test_a_mask_needs_observations_that_hold_the_gains_of_cardinal_moves(card_of
             card_of(**({"size": 8, "observation": names, "network": {"mask": True}} | odd))
         assert str(caught.value) == (
             f"network.mask is {shown(True)}, but must be {shown(False)} where "
-            "observations hold no gains of cardinal moves."
+            "observations hold no gains of moves."
         )
 
 

@@ -21,7 +21,15 @@ COMPASS = {
 ACTION_NAMES = {
     "cardinal": ("north", "south", "west", "east", "stop"),
     "wheels": ("forward", "back", "spin left", "spin right", "stop"),
-}
+    "wheels-9": (
+        "forward", "back", "spin left", "spin right", "stop",
+        "bear left", "bear right", "turn left", "turn right",
+    ),
+}  # fmt: skip
+OWN_SIDES = {
+    "ahead": (1, 0), "behind": (-1, 0), "left": (0, 1), "right": (0, -1),
+    "ahead left": (1, 1), "ahead right": (1, -1), "behind left": (-1, 1), "behind right": (-1, -1),
+}  # fmt: skip
 
 
 def mode_of(zone: int, laden: bool, at_pellet: bool) -> int:
@@ -61,8 +69,8 @@ def reward_of(
 class PlainMap:
     """The pheromone map of one environment, a dictionary entry for every free cell (column, row)."""
 
-    def __init__(self, zones: Any, config: Any) -> None:
-        self.config = config
+    def __init__(self, zones: Any, config: Any, actions: int = 5) -> None:
+        self.config, self.actions = config, actions
         self.rows, self.columns = len(zones), len(zones[0])
         self.free = [
             (column, row)
@@ -82,7 +90,7 @@ class PlainMap:
             for cell in self.free
         }
         for cell, mode, laden, action in visits:
-            self.marks[cell] = ((mode + 1) / 7, float(laden), (action + 1) / 5)
+            self.marks[cell] = ((mode + 1) / 7, float(laden), (action + 1) / self.actions)
         self.occupancy = {}
         for column, row in self.free:
             here = rho[column, row]
@@ -123,7 +131,7 @@ class PlainDecPomdp:
         self.arena, self.layout = run.arena, run.layout
         self.zones = self.arena.zones.tolist()
         self.robots = [PlainRobot() for _ in range(run.robots)]
-        self.map = PlainMap(self.zones, run.pheromone)
+        self.map = PlainMap(self.zones, run.pheromone, len(ACTION_NAMES[run.layout.actions]))
         self.paid: set[int] = set()
         self.to_goal: dict[tuple[int, int], list[float]] = {}
         self.farthest = float(self.arena.distances.raster.max())
@@ -210,11 +218,17 @@ class PlainDecPomdp:
             seen |= self._expanded(robot)
         if self.layout.stigmergy:
             reach = range(-self.layout.radius, self.layout.radius + 1)
+            quarters = round(heading / (0.5 * math.pi))
             for dy in reach:
                 for dx in reach:
-                    values = self.map.read((robot.cell[0] + dx, robot.cell[1] + dy))
+                    step, place = (dx, dy), f"({dx:+d}, {dy:+d})"
+                    if self.layout.actions != "cardinal" and self.layout.encoding == "expanded":
+                        place = f"({dx:+d} ahead, {dy:+d} left)"
+                        for _ in range(quarters % 4):
+                            step = (-step[1], step[0])
+                    values = self.map.read((robot.cell[0] + step[0], robot.cell[1] + step[1]))
                     for channel, value in zip(("occupancy", "mode", "laden", "action"), values, strict=True):
-                        seen[f"{channel} ({dx:+d}, {dy:+d})"] = value
+                        seen[f"{channel} {place}"] = value
             seen["tunnel density"] = min(self.density, 1.0)
         return seen
 
@@ -235,6 +249,8 @@ class PlainDecPomdp:
         seen |= {
             f"previous action {name}": float(robot.action == index) for index, name in enumerate(actions)
         }
+        if self.layout.actions != "cardinal":
+            return seen | self._own_sides(robot) | self._pellet(robot)
         others = {other.cell for other in self.robots if other is not robot}
         for side, (dx, dy) in COMPASS.items():
             cell = (column + dx, row + dy)
@@ -247,6 +263,31 @@ class PlainDecPomdp:
                 seen[f"{name} {side}"] = -1.0 if wall else max(-1.0, min(gain / size, 1.0))
         return seen | self._pellet(robot)
 
+    def _own_sides(self, robot: PlainRobot) -> dict[str, float]:
+        """What is one cell's length ahead, behind, to the left and so on, whatever the heading."""
+        x, y, heading = robot.pose
+        size = self.arena.cell_size
+        sheet = self.arena.robot
+        body = max(sheet.length, sheet.width)
+        others = [other.pose for other in self.robots if other is not robot]
+        seen = {}
+        for side, (ahead, left) in OWN_SIDES.items():
+            angle = heading + math.atan2(left, ahead)
+            reach = size * math.hypot(ahead, left)
+            px, py = x + reach * math.cos(angle), y + reach * math.sin(angle)
+            column, row = math.floor(px / size), math.floor(py / size)
+            inside = 0 <= row < len(self.zones) and 0 <= column < len(self.zones[0])
+            wall = not inside or self.zones[row][column] == WALL
+            near = any(math.hypot(px - other[0], py - other[1]) < body for other in others)
+            seen[f"free {side}"] = float(not wall and not near)
+            if ahead and left:
+                continue
+            there = self.arena.distances.sample(np.array([px, py])).tolist()
+            for goal, here in enumerate((robot.to_home, robot.to_source)):
+                gain = max(-1.0, min((here - there[goal]) / size, 1.0))
+                seen[f"gain {('home', 'source')[goal]} {side}"] = -1.0 if wall else gain
+        return seen
+
     def _to_goal(self, column: int, row: int) -> list[float]:
         """Distances to home and source, in m, at a cell's centre."""
         if (column, row) not in self.to_goal:
@@ -258,6 +299,11 @@ class PlainDecPomdp:
         """The pellet nearest to the gripper, if it lies within two cells to each side and is loose."""
         x, y = (self.pellets[robot.nearest][axis] - robot.pose[axis] for axis in (0, 1))
         sight = 2.0 * self.arena.cell_size
+        axes = "x", "y"
+        if self.layout.actions != "cardinal":
+            axes = "ahead", "left"
+            bearing, apart = math.atan2(y, x) - robot.pose[2], math.hypot(x, y)
+            x, y = apart * math.cos(bearing), apart * math.sin(bearing)
         if self.status[robot.nearest] != 0 or max(abs(x), abs(y)) > sight:
-            return {"pellet seen": 0.0, "pellet x": 0.0, "pellet y": 0.0}
-        return {"pellet seen": 1.0, "pellet x": x / sight, "pellet y": y / sight}
+            return {"pellet seen": 0.0, f"pellet {axes[0]}": 0.0, f"pellet {axes[1]}": 0.0}
+        return {"pellet seen": 1.0, f"pellet {axes[0]}": x / sight, f"pellet {axes[1]}": y / sight}

@@ -153,7 +153,11 @@ RUNS: dict[str, tuple[Any, int, float, dict[str, Any]]] = {
         lambda: parse_arena(TINY, "tiny.toml"), 150, 0.3,
         {"robots": 3, "reward": "local", "signed_distance": True, "idle_cost": True},
     ),
-    "wheels": (lambda: parse_arena(TINY, "tiny.toml"), 150, 0.0, {"robots": 1, "actions": "wheels"}),
+    "wheels": (lambda: parse_arena(TINY, "tiny.toml"), 150, 0.0, {"robots": 3, "actions": "wheels"}),
+    "nine": (
+        lambda: load_arena("paper"), 150, 0.0,
+        {"robots": 12, "actions": "wheels-9", "pheromone": PheromoneConfig(radius=1)},
+    ),
     "full home": (lambda: load_arena("paper"), 25, 0.2, {"robots": 35, "stigmergy": False}),
 }  # fmt: skip
 

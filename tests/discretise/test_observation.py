@@ -180,11 +180,44 @@ def test_blocked_moves_are_walls_and_what_leads_away_from_both_goals(arena: str)
     assert min(walls, free) > 100
 
 
-def test_ways_are_told_by_cardinal_actions_and_the_expanded_encoding_alone() -> None:
+@pytest.mark.parametrize("actions", ["wheels", "wheels-9"])
+def test_forward_and_back_are_blocked_as_moves_are(actions: ActionKind) -> None:
+    """Forward and back are, the robot's own ahead and behind; turning never is."""
+    env = VectorEnv("paper", robots=3, num_envs=2, seed=1, actions=actions)
+    columns = gain_columns(env.layout.names, actions)
+    assert columns is not None
+    observation = env.reset()
+    rng, walls, free, read = np.random.default_rng(0), 0, 0, load_arena("paper")
+    for _ in range(400):
+        closed = blocked_moves(observation, columns)
+        assert closed.shape == (2, 3, 2)
+        for place in np.ndindex(2, 3):
+            pose = env.world.state.pose[place]
+            here = read.distances.sample(pose[:2])
+            for move, sign in enumerate((1.0, -1.0)):
+                heading = np.array([np.cos(pose[2]), np.sin(pose[2])])
+                point = pose[:2] + sign * read.cell_size * heading
+                column, row = np.floor(point / read.cell_size).astype(int)
+                if read.zones[row, column] == 0:
+                    assert closed[(*place, move)]
+                    walls += 1
+                else:
+                    lost = (read.distances.sample(point) - here) / read.cell_size
+                    if (np.abs(lost - 1.0) > 1e-6).all():
+                        assert closed[(*place, move)] == (lost > 1.0).all()
+                    free += 1
+        observation = env.step(rng.integers(env.num_actions, size=(2, 3))).observation
+    assert min(walls, free) > 100
+
+
+def test_the_expanded_encoding_alone_tells_ways() -> None:
     for actions in ACTION_KINDS:
-        for encoding in ENCODINGS:
-            names = ObservationLayout(encoding, True, actions, 2).names
-            columns = gain_columns(names, actions)
-            assert (columns is None) == (actions == "wheels" or encoding == "paper")
-            if columns is not None:
-                assert [names[first] for first in columns] == ["gain home N", "gain source N"]
+        assert gain_columns(ObservationLayout("paper", True, actions, 2).names, actions) is None
+        names = ObservationLayout("expanded", True, actions, 2).names
+        columns = gain_columns(names, actions)
+        assert columns is not None
+        side, moves = ("N", 4) if actions == "cardinal" else ("ahead", 2)
+        assert columns.moves == moves
+        assert [names[first] for first in columns[:2]] == [f"gain home {side}", f"gain source {side}"]
+        # Those of the map's sides say nothing of driving, nor those of the robot's own of the map's sides.
+        assert gain_columns(names, "wheels" if actions == "cardinal" else "cardinal") is None

@@ -338,7 +338,7 @@ def test_as_many_robots_as_fit_and_one_alone_both_run() -> None:
             "episode_steps is 1000.0, but must be a whole number from 0 to 100000000.",
         ),
         ({"encoding": "raw"}, 'encoding is "raw", but must be "paper" or "expanded".'),
-        ({"actions": "north"}, 'actions is "north", but must be "cardinal" or "wheels".'),
+        ({"actions": "north"}, 'actions is "north", but must be "cardinal" or "wheels" or "wheels-9".'),
         ({"reward": "team"}, 'reward.kind is "team", but must be "local" or "global".'),
         ({"collision_weight": -1}, "reward.collision_weight is -1, but must be a number from 0 to 1e+06."),
         ({"pheromone_decay": 2}, "pheromone.decay is 2, but must be a number from 1e-06 to 1."),

@@ -39,7 +39,10 @@ def test_config_survives_its_file(tmp_path_factory, technique, arena, learning_r
         ('[env]\nrobots = "two"', 'env.robots is "two", but must be a whole number from 1 to 1000.'),
         ("[env]\nrobots = true", "env.robots is true, but must be a whole number from 1 to 1000."),
         ("[env]\nrobot = 2", '"robot" is not an option of env: did you mean robots or pheromone?'),
-        ('[env]\nactions = "jump"', 'env.actions is "jump", but must be "cardinal" or "wheels".'),
+        (
+            '[env]\nactions = "jump"',
+            'env.actions is "jump", but must be "cardinal" or "wheels" or "wheels-9".',
+        ),
         ("[env.pheromone]\ndecay = 2.0", "env.pheromone.decay is 2.0, but must be a number from 1e-06 to 1."),
         (
             "[algorithm]\ndiscount = nan",

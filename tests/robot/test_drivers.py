@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from robosim.robot.drivers import CARDINAL_STEPS, Cardinal, CardinalDriver, Wheels, WheelsDriver, make_driver
+from robosim.robot.drivers import (
+    ACTION_NAMES,
+    CARDINAL_STEPS,
+    STOP,
+    Cardinal,
+    CardinalDriver,
+    Wheels,
+    WheelsDriver,
+    make_driver,
+)
 from robosim.robot.kinematics import body_twist
 from robosim.robot.sheet import RobotSheet
 
@@ -50,15 +59,23 @@ def test_with_a_wall_ahead_a_robot_closes_up_to_the_middle_of_its_cell(action, o
     assert max(offset, -0.041) - 1e-9 <= beyond <= max(offset, 0.021) + 1e-9
 
 
-def test_wheels_actions_are_top_speeds_held() -> None:
+def test_wheels_actions_are_wheel_speeds_held() -> None:
     driver = WheelsDriver(SHEET)
-    pose = np.zeros((1, 5, 3))
-    driver.begin(pose, np.arange(5)[None])
+    pose = np.zeros((1, 9, 3))
+    driver.begin(pose, np.arange(9)[None])
     speed, rate = body_twist(SHEET, driver.wheel_speeds(pose))
     top, turn = SHEET.top_speed, SHEET.top_turn_rate
-    assert speed[0] == pytest.approx([top, -top, 0.0, 0.0, 0.0])
-    assert rate[0] == pytest.approx([0.0, 0.0, turn, -turn, 0.0])
-    assert list(Wheels) == [0, 1, 2, 3, 4]
+    assert speed[0] == pytest.approx([top, -top, 0.0, 0.0, 0.0, 0.75 * top, 0.75 * top, 0.0, 0.0])
+    assert rate[0] == pytest.approx(
+        [0.0, 0.0, turn, -turn, 0.0, 0.25 * turn, -0.25 * turn, 0.5 * turn, -0.5 * turn]
+    )
+
+
+def test_actions_are_numbered_as_they_are_named() -> None:
+    for kind, members in (("cardinal", Cardinal), ("wheels", list(Wheels)[:5]), ("wheels-9", Wheels)):
+        assert ACTION_NAMES[kind] == tuple(one.name.lower().replace("_", " ") for one in members)
+        assert [int(one) for one in members] == list(range(len(members)))
+    assert STOP == Cardinal.STOP == Wheels.STOP
 
 
 @pytest.mark.parametrize("action", [Cardinal.NORTH, Cardinal.SOUTH, Cardinal.WEST, Cardinal.EAST])
@@ -169,4 +186,5 @@ def test_reset_forgets_what_was() -> None:
 
 def test_each_kind_of_action_has_its_driver() -> None:
     assert isinstance(make_driver("cardinal", SHEET, FREE, CELL, PERIOD, 3 * PERIOD), CardinalDriver)
-    assert isinstance(make_driver("wheels", SHEET, FREE, CELL, PERIOD, 3 * PERIOD), WheelsDriver)
+    for kind in ("wheels", "wheels-9"):
+        assert isinstance(make_driver(kind, SHEET, FREE, CELL, PERIOD, 3 * PERIOD), WheelsDriver)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+from robosim.discretise.observation import MoveGains
 from robosim.errors import InputError
 from robosim.learning.algorithms.dqn.learner import DqnSettings, StackedDoubleDQN
 from robosim.learning.networks import NetworkShape
@@ -59,7 +60,7 @@ def test_updates_equal_plain_double_dqn_with_autograd(batch_size, normalised):
                 torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
 
 
-MASKED = replace(SETTINGS, gains=(0, 5))
+MASKED = replace(SETTINGS, gains=MoveGains(0, 5, 4))
 WIDE = replace(SHAPE, inputs=10)
 
 
