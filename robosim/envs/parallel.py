@@ -27,7 +27,7 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
     """A team of excavating robots as a PettingZoo ParallelEnv; agents are `robot_0`, `robot_1` ...
 
     `robosim.parallel_env(arena, robots=4, ...)` makes one; `arena` and `fields` are those of
-    `robosim.envs.config.env_config`. Every agent acts in every step, with an integer from 0; all agents
+    `robosim.envs.config.env_config`. Every agent acts in every step, with the number of an action; all agents
     end together, by truncation after `episode_steps` decisions. Each info has the pellets `delivered` by the
     robot so far, and the episode's `seed`. Wrong input raises InputError.
     """
