@@ -10,6 +10,7 @@ from robosim.arena import Arena, load_arena, parse_arena
 from robosim.control.controller import make_controller
 from robosim.envs.vector import Snapshot, Transition, VectorEnv
 from robosim.errors import InputError
+from robosim.robot.drivers import ACTION_NAMES
 
 VARIED = parse_arena(
     load_arena("paper").text
@@ -72,7 +73,7 @@ def assert_same(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> Non
         ("paper", 5, {}),
         ("single-lane", 3, {"encoding": "paper", "reward": "local"}),
         ("three-wide", 6, {"stigmergy": False, "sharing": "split"}),
-        ("paper", 1, {"actions": "wheels"}),
+        ("paper", 3, {"actions": "wheels"}),
         (VARIED, 3, {}),
     ],
 )
@@ -391,6 +392,17 @@ def test_wrong_actions_are_one_sentence_and_do_nothing(actions: Any, sentence: s
     assert env.steps_taken == 0
     assert_array_equal(env.world.state.pose, pose)
     assert isinstance(env.step(np.full((2, 3), 4)), Transition)
+
+
+def test_each_kind_of_actions_has_as_many_as_it_names() -> None:
+    for kind, names in ACTION_NAMES.items():
+        env = VectorEnv("paper", robots=2, actions=kind)
+        env.reset()
+        last = len(names) - 1
+        assert env.num_actions == len(names)
+        env.step([[last, last]])
+        whole = f"whole numbers from 0 to {last}, [envs, robots] = [1, 2]."
+        refused(f"actions holds {last + 1}, but must be {whole}", env.step, [[0, last + 1]])
 
 
 def test_what_comes_before_reset_or_after_the_end_is_one_sentence() -> None:

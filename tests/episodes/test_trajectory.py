@@ -42,6 +42,7 @@ def bits(env: VectorEnv, index: int = 0) -> list[bytes]:
         (load_arena("three-wide").text, 6, "cardinal", "physics"),
         (VARIED, 4, "cardinal", "physics"),
         (load_arena("single-lane").text, 3, "wheels", "physics"),
+        (load_arena("single-lane").text, 3, "wheels-9", "physics"),
         (load_arena("paper").text, 8, "cardinal", "grid"),
         (load_arena("single-lane").text, 3, "wheels", "grid"),
     ],
@@ -64,7 +65,7 @@ def test_a_saved_trajectory_runs_again_to_the_last_bit(tmp_path: Path, text, rob
         controller.reset(env)
     recorded, seen = [bits(env, 1)], [observation[1].tobytes()]
     for _ in range(200):
-        actions = rng.integers(0, 5, (3, robots))
+        actions = rng.integers(0, env.num_actions, (3, robots))
         if kind == "cardinal":
             actions = np.where(rng.random(actions.shape) < 0.2, actions, controller.act(env, observation))
         transition = env.step(actions)
@@ -272,6 +273,10 @@ LINE = "but must be one line of at most 4096 printable characters."
         ({"seed": np.int64(-1)}, f"seed is -1, {WHOLE}"),
         ({"episode": np.zeros(2, dtype=np.int64)}, f"episode is int64 [2], {WHOLE}"),
         ({"chosen": np.full((2, 2), 5, dtype=np.uint8)}, f"chosen is 5, {BYTES}"),
+        (
+            {"config": text(b'{"actions": "wheels-9"}'), "chosen": np.full((2, 4), 9, dtype=np.uint8)},
+            "chosen is 9, but must be bytes [decisions, robots] from 0 to 8.",
+        ),
         ({"chosen": np.zeros((2, 2), dtype=np.int64)}, f"chosen is int64 [2, 2], {BYTES}"),
         ({"chosen": np.zeros(2, dtype=np.uint8)}, f"chosen is uint8 [2], {BYTES}"),
         ({"chosen": np.zeros((2, 0), dtype=np.uint8)}, f"chosen is uint8 [2, 0], {BYTES}"),

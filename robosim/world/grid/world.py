@@ -54,9 +54,7 @@ class GridWorld:
     ) -> None:
         """`pellet_gradient` is explained in `robosim.world.draws.draw_pellets`."""
         if actions == "wheels-9":
-            raise refused(
-                "actions", actions, '"cardinal" or "wheels" in the grid, where robots turn by quarters'
-            )
+            raise refused("actions", actions, '"cardinal" or "wheels" in the grid, which turns by quarters')
         self.arena = grid_arena(arena)
         if robots > self.arena.capacity:
             room = f"the room in arena {arena.name!r} in the grid, one robot a cell"

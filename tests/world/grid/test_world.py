@@ -137,6 +137,14 @@ def test_wheels_go_along_the_heading_and_spin_by_right_angles() -> None:
         assert bench.state.pose[0, 0, 2] == heading
 
 
+def test_nine_wheel_actions_are_refused() -> None:
+    with pytest.raises(InputError) as refusal:
+        make_world("grid", load_arena("paper"), 1, 1, "wheels-9")
+    assert str(refusal.value) == (
+        'actions is "wheels-9", but must be "cardinal" or "wheels" in the grid, which turns by quarters.'
+    )
+
+
 def test_velocities_are_those_of_the_decision() -> None:
     bench = Bench(room([(4, 3)]))
     bench.decide(NORTH)
