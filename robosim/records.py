@@ -87,8 +87,15 @@ class Record(BaseModel):
         """Raise InputError for a name that `with_options` does not know."""
         known = self.own_options()
         for name in names:
-            if name not in known and not isinstance(getattr(self, name, None), Record):
+            if name not in known and not self._holds_record(name):
                 raise InputError(f"{shown(name)} is not an option: {nearest_names(name, known)}")
+
+    def _holds_record(self, name: str) -> bool:
+        """Return whether a field is, or may be, a record."""
+        field = type(self).model_fields.get(name)
+        return isinstance(getattr(self, name, None), Record) or (
+            field is not None and _record_in(field.annotation) is not None
+        )
 
     def with_options(self, **values: Any) -> Self:
         """Return a copy with other values in the fields of these short names, checked anew.
@@ -132,8 +139,8 @@ def _options(
 ) -> Iterator[tuple[str, Option]]:
     for name, field in model.model_fields.items():
         value = getattr(record, name, None)
-        nested = type(value) if isinstance(value, Record) else field.annotation
-        if isinstance(nested, type) and issubclass(nested, Record):
+        nested = type(value) if isinstance(value, Record) else _record_in(field.annotation)
+        if nested is not None:
             for inner, option in _options(nested, (*path, name), value):
                 own = option.path[-1] if len(option.path) == len(path) + 2 else None
                 plain = inner if model.plain_options else f"{name}_{inner}"
@@ -141,6 +148,15 @@ def _options(
                 yield short, option
         else:
             yield name, Option((*path, name), field)
+
+
+def _record_in(annotation: Any) -> type[Record] | None:
+    """Return the record that a field holds, by itself or where it may also be None."""
+    parts = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
+    kinds = [part for part in parts if part is not type(None)]
+    return (
+        kinds[0] if len(kinds) == 1 and isinstance(kinds[0], type) and issubclass(kinds[0], Record) else None
+    )
 
 
 def sentence(model: type[BaseModel], error: ValidationError) -> str:

@@ -19,9 +19,11 @@ if TYPE_CHECKING:
     from robosim.envs.vector import VectorEnv
     from robosim.learning.config import RunConfig
     from robosim.learning.trainer import Report, TrainResult
+    from robosim.records import Option
 
 _GROUPS = {
     "env": "What the team learns in.",
+    "variety": "Several arenas and team sizes at once, for one network that drives all.",
     "algorithm": "What learns, and how: the options of the technique's algorithm.",
     "schedule": "How much is learned, and by whom at a time.",
     "run": "How the run is carried out, and what it leaves.",
@@ -77,9 +79,7 @@ def train_command(arguments: Sequence[str]) -> type[Train]:
     for name, option in config.own_options().items():
         if option.path in (("algorithm", "name"), ("run", "technique")):
             continue
-        value: Any = config
-        for step in option.path:
-            value = getattr(value, step)
+        value = _value_at(config, option)
         about = tyro.conf.arg(help=" ".join(option.help.split()))
         groups[option.path[0]].append((name, Annotated[option.field.annotation, about], field(default=value)))
     members: list[Any] = []
@@ -92,6 +92,16 @@ def train_command(arguments: Sequence[str]) -> type[Train]:
     return dataclasses.make_dataclass(
         "Train", members, bases=(Train,), frozen=True, namespace={"__doc__": Train.__doc__}
     )
+
+
+def _value_at(config: RunConfig, option: Option) -> Any:
+    """Return what a configuration holds for an option; its default in a table that is not there."""
+    value: Any = config
+    for step in option.path:
+        value = getattr(value, step)
+        if value is None:
+            return option.field.get_default()
+    return value
 
 
 def _refuse_options_beside_resume(arguments: Sequence[str]) -> None:

@@ -21,6 +21,7 @@ from robosim.records import Many, Record
 from robosim.world.factory import WorldKind
 
 if TYPE_CHECKING:
+    from robosim.envs.mixed import MixedVectorEnv
     from robosim.envs.vector import VectorEnv
     from robosim.envs.workers import WorkerVectorEnv
 
@@ -204,7 +205,7 @@ class PolicyCard(Record):
 
 
 def card_for(
-    env: VectorEnv | WorkerVectorEnv,
+    env: VectorEnv | WorkerVectorEnv | MixedVectorEnv,
     spec: NetworkSpec,
     weights: Weights,
     technique: str,

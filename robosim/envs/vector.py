@@ -124,6 +124,11 @@ class VectorEnv:
         self._history = np.empty((0, self.num_envs, self.robots), dtype=np.uint8)
 
     @property
+    def joint_decisions(self) -> int:
+        """Joint decisions that a step takes: one in each environment."""
+        return self.num_envs
+
+    @property
     def world(self) -> World:
         """Where the robots and pellets are: for controllers with full knowledge, reports and tests."""
         return self._world
@@ -262,15 +267,20 @@ class VectorEnv:
 
     def seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:
         """Return the seed of each environment, for one number or one each; InputError for anything else."""
-        if not isinstance(seed, (list, tuple, range, np.ndarray)):
-            root = np.random.SeedSequence(whole_number("seed", seed, 0, MAX_SEED))
-            return tuple(int(one) for one in root.generate_state(self.num_envs, np.uint64))
-        seeds = tuple(whole_number("seed", one, 0, MAX_SEED) for one in seed)
-        if len(seeds) != self.num_envs:
-            raise InputError(
-                f"seed has {len(seeds)} numbers, but must be one, or one for each of {self.num_envs} envs."
-            )
-        return seeds
+        return env_seeds(seed, self.num_envs)
+
+
+def env_seeds(seed: int | Sequence[int], num_envs: int) -> tuple[int, ...]:
+    """Return the seed of each environment, for one number or one each; InputError for anything else."""
+    if not isinstance(seed, (list, tuple, range, np.ndarray)):
+        root = np.random.SeedSequence(whole_number("seed", seed, 0, MAX_SEED))
+        return tuple(int(one) for one in root.generate_state(num_envs, np.uint64))
+    seeds = tuple(whole_number("seed", one, 0, MAX_SEED) for one in seed)
+    if len(seeds) != num_envs:
+        raise InputError(
+            f"seed has {len(seeds)} numbers, but must be one, or one for each of {num_envs} envs."
+        )
+    return seeds
 
 
 def checked_actions(actions: ArrayLike, shape: tuple[int, int], num_actions: int) -> NDArray[np.int64]:

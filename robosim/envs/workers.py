@@ -138,6 +138,11 @@ class WorkerVectorEnv:
         return self._copy("observation")
 
     @property
+    def joint_decisions(self) -> int:
+        """Joint decisions that a step takes: one in each environment."""
+        return self.num_envs
+
+    @property
     def delivered(self) -> NDArray[np.int64]:
         """[envs, robots] pellets delivered by each robot in the current episode."""
         return self._copy("delivered")

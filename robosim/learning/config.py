@@ -15,6 +15,7 @@ from pydantic import Field, SerializeAsAny, field_validator, model_validator
 from robosim.arena import arena_names, load_arena
 from robosim.control.policy import policy_names
 from robosim.envs.config import EnvConfig
+from robosim.envs.variety import VarietyConfig
 from robosim.errors import InputError, nearest_names, shown
 from robosim.learning.algorithms.dqn.config import DqnConfig
 from robosim.learning.algorithms.protocol import AlgorithmConfig
@@ -82,6 +83,9 @@ class RunConfig(Record):
     """What the team learns in."""
     algorithm: SerializeAsAny[AlgorithmConfig] = DqnConfig()
     """What learns, and how."""
+    variety: VarietyConfig | None = None
+    """Several arenas and team sizes to learn in, for one network that all robots run; none for those of `env`
+    alone."""
     schedule: ScheduleConfig = ScheduleConfig()
     """How much is learned, and by whom at a time."""
     run: RunSettings = RunSettings()
@@ -103,12 +107,27 @@ class RunConfig(Record):
                 "curriculum is true, but must be false where all robots run one network: it cannot be frozen "
                 "beside itself"
             )
+        if self.variety is not None:
+            self._check_variety(self.variety)
         if self.run.workers > self.schedule.num_envs:
             raise ValueError(
                 f"workers is {self.run.workers}, but must be a whole number from 1 to num_envs, "
                 f"{self.schedule.num_envs}"
             )
         return self
+
+    def _check_variety(self, variety: VarietyConfig) -> None:
+        if not self.algorithm.shares_parameters:
+            raise ValueError(
+                'parameters must be "shared" with arenas or random_arenas: one network drives all'
+            )
+        if self.schedule.num_envs % variety.envs_per_arena:
+            raise ValueError(
+                f"num_envs is {self.schedule.num_envs}, but must be a multiple of envs_per_arena, "
+                f"{variety.envs_per_arena}"
+            )
+        if self.run.workers > 1:
+            raise ValueError(f"workers is {self.run.workers}, but must be 1 with arenas or random_arenas")
 
 
 def run_config(technique: str = DEFAULT_TECHNIQUE, **options: Any) -> RunConfig:
@@ -133,6 +152,8 @@ def self_contained(config: RunConfig) -> RunConfig:
     arena, start = config.env.arena, config.schedule.start_from
     if arena not in arena_names():
         config = config.with_options(arena=load_arena(arena).text)
+    if config.variety is not None:
+        config = config.changed(variety=config.variety.self_contained())
     if start not in policy_names() and os.path.isdir(start):  # noqa: PTH112 - a name may be too long
         config = config.with_options(start_from=str(Path(start).absolute()))
     return config
@@ -140,7 +161,7 @@ def self_contained(config: RunConfig) -> RunConfig:
 
 def write_config(config: RunConfig, path: Path) -> None:
     """Write every field as TOML, in a table each for env, algorithm, schedule and run; it repeats the run."""
-    tables = {name: getattr(config, name).model_dump(mode="json") for name in RunConfig.model_fields}
+    tables = config.model_dump(mode="json", exclude_none=True)
     path.write_text(tomli_w.dumps(tables), encoding="utf-8")
 
 

@@ -21,10 +21,17 @@ ROW = 500
 
 
 class Environment(Protocol):
-    """What the loop needs of a batch of environments; VectorEnv has it."""
+    """What the loop needs of a batch of environments; VectorEnv and MixedVectorEnv have it."""
 
     num_envs: int
+    """First axis of all arrays."""
     robots: int
+    """Second axis."""
+
+    @property
+    def joint_decisions(self) -> int:
+        """Environments that take a decision in a step, which need not be the first axis."""
+        ...
 
     def reset(self) -> NDArray[np.float32]: ...
     def step(self, actions: NDArray[np.int64]) -> Transition: ...
@@ -83,7 +90,7 @@ class StageLoop:
         self.log.note(self.algorithm.update(progress))
         transition = pending.result() if pending else env.step(actions)
         self._observe(observation, actions, transition)
-        rows_before, self.step = self.step // ROW, self.step + env.num_envs
+        rows_before, self.step = self.step // ROW, self.step + env.joint_decisions
         if self.step // ROW == rows_before and not self.finished:
             return None
         return self.log.cut(self.stage.name, self.stage.robots, self.stage.learning)
@@ -109,6 +116,7 @@ class StageLoop:
             experience.ended,
             transition.collided,
             transition.blocked,
+            self.env.joint_decisions,
         )
 
     def state(self) -> State:

@@ -105,23 +105,26 @@ class MetricsLog:
         ended: NDArray[np.bool_],
         collided: NDArray[np.bool_],
         blocked: NDArray[np.bool_],
+        decisions: int | None = None,
     ) -> None:
         """Take in one decision of every environment.
 
         `reward` is [envs, learning robots], `delivered` (in the episode so far), `collided` and `blocked` are
-        [envs, robots], `ended` [envs].
+        [envs, robots], `ended` [envs]. `decisions` is how many environments there are in truth, where robots
+        of one stand in several rows; all end together then.
         """
         sums, totals = self.sums, delivered.sum(axis=1)
-        sums.step += len(reward)
-        sums.stage_step += len(reward)
-        sums.decisions += len(reward)
-        sums.reward += float(reward.sum()) / reward.shape[1]
+        decisions = len(reward) if decisions is None else decisions
+        sums.step += decisions
+        sums.stage_step += decisions
+        sums.decisions += decisions
+        sums.reward += float(reward.sum()) / (reward.size / decisions)
         sums.delivered += int(totals.sum()) - sums.delivered_before
         # What ended episodes delivered is not subtracted again: the next ones start at nothing.
         sums.delivered_before = int(totals[~ended].sum())
-        sums.episodes += int(ended.sum())
+        sums.episodes += int(ended.sum()) * decisions // len(ended)
         sums.collisions += int(np.count_nonzero(collided))
-        sums.blocked += np.count_nonzero(blocked) / blocked.shape[1]
+        sums.blocked += np.count_nonzero(blocked) / (blocked.size / decisions)
 
     def cut(self, stage: str, robots: int, learning: int) -> Metrics:
         """Close the row and return it."""

@@ -15,6 +15,7 @@ from robosim.control.card import StageCard
 from robosim.control.learned import check_fit
 from robosim.control.network import NetworkSpec
 from robosim.control.policy import Policy, load_policy
+from robosim.envs.mixed import MixedVectorEnv
 from robosim.envs.vector import Snapshot, VectorEnv
 from robosim.envs.workers import WorkerVectorEnv, vector_env
 from robosim.errors import InputError, shown
@@ -26,6 +27,7 @@ from robosim.learning.curriculum import Ending, Stage, is_steady, plan_stages, s
 from robosim.learning.loop import StageLoop
 from robosim.learning.metrics import Metrics, MetricsLog, Sums
 
+TrainingEnv = VectorEnv | WorkerVectorEnv | MixedVectorEnv
 
 class Training:
     """Everything that changes while a team learns."""
@@ -67,7 +69,7 @@ class Training:
         """
         loop = self.loop
         row = loop.advance(beside)
-        self.step += self.env.num_envs
+        self.step += self.env.joint_decisions
         if row is None:
             return None
         rows = [one for one in self.log.rows if one.stage == self.stage.name]
@@ -81,7 +83,12 @@ class Training:
         """Return the networks of all robots so far, those that learn at present last."""
         if self._team is not None and (self.finished or not self.loop.step):
             return self._team
-        return joined(self._team if self.stage.frozen else None, self.algorithm.actors())
+        actors = self.algorithm.actors()
+        if self.config.variety is not None:
+            # One network, as if of one robot: it drives as many as the card's environment has.
+            of_robot = (0,) * self.config.env.robots
+            actors = Actors(actors.spec.changed(of_robot=of_robot), actors.weights)
+        return joined(self._team if self.stage.frozen else None, actors)
 
     def close(self) -> None:
         """End what the environments run in."""
@@ -222,23 +229,28 @@ def starting_team(config: RunConfig, policy: Policy) -> tuple[AlgorithmConfig, A
     return algorithm, actors
 
 
-def task_of(env: VectorEnv | WorkerVectorEnv, stage: Stage, budget: int) -> Task:
-    """Return what there is to learn in a stage of at most `budget` joint decisions."""
+def task_of(env: TrainingEnv, stage: Stage, budget: int) -> Task:
+    """Return what there is to learn in a stage of at most `budget` joint decisions.
+
+    Where teams have several sizes, each robot is an environment of its own to the algorithm.
+    """
     layout = env.layout
     return Task(
-        robots=stage.learning,
+        robots=env.robots - stage.frozen,
         num_envs=env.num_envs,
         names=tuple(layout.names),
         num_actions=env.num_actions,
         actions=layout.actions,
-        decisions=budget,
+        decisions=budget * env.num_envs // env.joint_decisions,
         explores=stage.explores,
     )
 
 
-def training_env(config: RunConfig, seed: int, robots: int) -> VectorEnv | WorkerVectorEnv:
-    """Return the environments in which `robots` robots learn."""
+def training_env(config: RunConfig, seed: int, robots: int) -> TrainingEnv:
+    """Return the environments in which `robots` robots learn, or as many as `config.variety` says."""
     workers, num_envs = config.run.workers, config.schedule.num_envs
+    if config.variety is not None:
+        return MixedVectorEnv(config.env, config.variety, num_envs=num_envs, seed=seed)
     return vector_env(config.env, num_envs=num_envs, seed=seed, workers=workers, robots=robots)
 
 

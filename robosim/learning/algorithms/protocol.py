@@ -29,14 +29,14 @@ class Task:
     robots: int
     """That learn; frozen ones are not the algorithm's affair."""
     num_envs: int
-    """Environments that run side by side."""
+    """Environments that run side by side; where teams have several sizes, each robot counts as one."""
     names: tuple[str, ...]
     """Of the numbers in a robot's observation."""
     num_actions: int
     actions: ActionKind
     """What the actions are."""
     decisions: int
-    """Joint decisions that the stage takes at most, summed over environments."""
+    """Joint decisions that the stage takes at most, summed over those environments."""
     explores: bool = True
     """Exploration begins anew; otherwise its share stays at the end's."""
 
