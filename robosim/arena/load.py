@@ -32,7 +32,7 @@ def load_arena(name_or_path: str | Path) -> Arena:
     return parse_arena(_read(path), str(path))
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _parsed(text: str) -> Arena:
     """Read an arena's text, or take the one that was read from it: arenas do not change."""
     return parse_arena(text, "arena")

@@ -1,4 +1,4 @@
-"""`robosim arena`: list the arenas that ship, show one, check a file."""
+"""`robosim arena`: list the arenas that ship, show one, check a file, draw one at random."""
 
 from __future__ import annotations
 
@@ -78,13 +78,38 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Random:
+    """Draw an arena at random, as `robosim train --random-arenas` does, and show it."""
+
+    seed: int = 0
+    """Equal seeds give equal arenas."""
+    save: Annotated[Path | None, tyro.conf.arg(metavar="FILE.toml")] = None
+    """Also write it to this file, to be used wherever an arena is asked for."""
+    png: Path | None = None
+    """Also draw it to scale into this PNG file."""
+
+    def run(self) -> None:
+        from robosim.arena import load_arena
+        from robosim.arena.random import random_arena
+        from robosim.files import write_whole
+
+        text = random_arena(self.seed)
+        arena = load_arena(text)
+        if self.save is not None:
+            write_whole(self.save, text)
+        _draw([arena], self.png)
+        _show(arena, _console())
+
+
+@dataclass(frozen=True)
 class Arena:
-    """List the arenas that ship, show one, check an arena file."""
+    """List the arenas that ship, show one, check an arena file, draw one at random."""
 
     do: Annotated[
         Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[Show, tyro.conf.subcommand("show")]
-        | Annotated[Check, tyro.conf.subcommand("check")],
+        | Annotated[Check, tyro.conf.subcommand("check")]
+        | Annotated[Random, tyro.conf.subcommand("random")],
         tyro.conf.arg(name=""),
     ]
 

@@ -38,7 +38,8 @@ class Train:
     """Preset that the other options start from (docs/learning.md lists them). It also says which algorithm's
     options there are."""
     out: Path | None = None
-    """New or empty folder for the run; by default runs/ARENA-ROBOTS-TECHNIQUE-SEED."""
+    """New or empty folder for the run; by default runs/ARENA-ROBOTS-TECHNIQUE-SEED, or
+    runs/mixed-TECHNIQUE-SEED."""
     resume: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None
     """Folder of an interrupted run to go on with, just as it was configured."""
 
@@ -167,8 +168,8 @@ def _shown(config: RunConfig, folder: Path, work: Callable[[Report], TrainResult
 
 
 def _run_folder(config: RunConfig) -> Path:
-    arena = Path(config.env.arena).stem
-    return Path("runs") / f"{arena}-{config.env.robots}-{config.run.technique}-{config.run.seed}"
+    team = f"{Path(config.env.arena).stem}-{config.env.robots}" if config.variety is None else "mixed"
+    return Path("runs") / f"{team}-{config.run.technique}-{config.run.seed}"
 
 
 def _value_of(flag: str, arguments: Sequence[str]) -> str | None:

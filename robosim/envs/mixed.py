@@ -86,8 +86,10 @@ class MixedVectorEnv:
         """Return the present moment; its actions are [decisions, rows, 1]."""
         if not self.groups:
             raise InputError("snapshot: no episode has begun; call reset first.")
-        actions = [env.snapshot().actions for env in self.groups]
-        rows = np.concatenate([part.reshape(len(part), -1) for part in actions], axis=1)
+        parts = [
+            env.snapshot().actions.reshape(env.steps_taken, env.num_envs * env.robots) for env in self.groups
+        ]
+        rows = np.concatenate(parts, axis=1)
         return Snapshot(self.seeds, self.episode, rows[..., None])
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:

@@ -23,6 +23,7 @@ class Corridor:
 
     def __init__(self, robots=2, num_envs=1, episode_steps=100, seed=0):
         self.robots, self.num_envs, self.episode_steps = robots, num_envs, episode_steps
+        self.joint_decisions = num_envs
         self.arena = load_arena("paper")
         names = (*(f"cell {i}" for i in range(LENGTH)), "laden")
         self.layout = SimpleNamespace(

@@ -34,7 +34,7 @@ def test_config_survives_its_file(tmp_path_factory, technique, arena, learning_r
     ("text", "sentence"),
     [
         ("robots = ", "not a TOML file (Invalid value (at end of document))."),
-        ("robots = 2", '"robots" is no table: known names are algorithm, env, run, schedule.'),
+        ("robots = 2", '"robots" is no table: known names are algorithm, env, run, schedule, variety.'),
         ("env = 2", "env is 2, but must be a table."),
         ('[env]\nrobots = "two"', 'env.robots is "two", but must be a whole number from 1 to 1000.'),
         ("[env]\nrobots = true", "env.robots is true, but must be a whole number from 1 to 1000."),
