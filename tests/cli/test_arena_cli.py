@@ -6,6 +6,7 @@ import pytest
 
 from robosim.arena import arena_names, load_arena
 from robosim.arena.draw import drawing
+from robosim.arena.random import random_arena
 from robosim.cli.main import main
 
 
@@ -97,3 +98,16 @@ def test_wrong_input_exits_with_2_and_one_sentence(
 ) -> None:
     assert main(["arena", *arguments]) == 2
     assert capsys.readouterr() == ("", f"robosim: {sentence}\n")
+
+
+def test_random_shows_an_arena_and_saves_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = tmp_path / "drawn.toml"
+    assert main(["arena", "random", "--seed", "7", "--save", str(own)]) == 0
+    shown = capsys.readouterr().out
+    assert own.read_text() == random_arena(7)
+    assert all(row in shown for row in drawing(load_arena(own)))
+    assert "random-7" in shown
+    assert main(["arena", "random", "--seed", "-1"]) == 2
+    assert capsys.readouterr().err == (
+        "robosim: seed is -1, but must be a whole number from 0 to 9223372036854775807.\n"
+    )

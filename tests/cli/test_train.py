@@ -2,6 +2,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from robosim.cli.main import main
+from robosim.envs.variety import VarietyConfig
+from robosim.learning.config import read_config
 
 TINY = [
     "--steps", "240", "--num-envs", "2", "--episode-steps", "60", "--warmup", "40", "--hidden", "8", "8",
@@ -76,3 +78,27 @@ def test_a_policy_to_start_from_must_exist_and_fit(tmp_path, capsys):
 def test_a_device_that_is_not_there_is_a_sentence(tmp_path, capsys):
     assert main(["train", "--out", str(tmp_path / "run"), *TINY, "--device", "tpu"]) == 2
     assert capsys.readouterr().err == 'robosim: device is "tpu", but must be "cpu", or "cuda" for a GPU.\n'
+
+
+def test_a_network_learns_in_several_arenas_with_several_team_sizes(tmp_path, capsys):
+    several = [
+        "--arenas",
+        "paper",
+        "s-bend",
+        "--random-arenas",
+        "3",
+        "--team-sizes",
+        "1",
+        "2",
+        "--num-envs",
+        "4",
+    ]
+    assert main(["train", "--out", str(tmp_path / "run"), *TINY, *several]) == 0
+    assert read_config(tmp_path / "run" / "config.toml").variety == VarietyConfig(
+        arenas=("paper", "s-bend"), random_arenas=3, team_sizes=(1, 2)
+    )
+    capsys.readouterr()
+    assert main(["train", "--team-sizes", "3"]) == 2
+    assert capsys.readouterr().err == (
+        "robosim: variety: arenas is empty and random_arenas is 0, but one of them must be there.\n"
+    )

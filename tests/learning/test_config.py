@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robosim.envs.variety import VarietyConfig
 from robosim.errors import InputError
 from robosim.learning.config import RunConfig, read_config, run_config, write_config
 from robosim.learning.technique import TECHNIQUES, Technique, find_technique
@@ -135,6 +136,35 @@ def test_short_names_reach_every_table():
     assert (config.env.robots, config.env.reward.sharing, config.env.pheromone.decay) == (4, "split", 0.2)
     assert (config.algorithm.learning_rate, config.run.workers, config.schedule.steps) == (5e-3, 2, 7)
     assert config.run.technique == "ps-dqn"
+
+
+def test_variety_is_there_where_it_was_asked_for(tmp_path):
+    plain, mixed = run_config(), run_config(arenas=["paper"], team_sizes=[1, 2])
+    assert plain.variety is None
+    assert "variety" not in plain.model_dump(exclude_none=True)
+    assert mixed.variety == VarietyConfig(arenas=("paper",), team_sizes=(1, 2))
+    assert plain.with_options(variety=mixed.variety) == mixed
+    write_config(mixed, tmp_path / "config.toml")
+    assert read_config(tmp_path / "config.toml") == mixed
+
+
+@pytest.mark.parametrize(
+    ("technique", "options", "sentence"),
+    [
+        ("iql", {}, 'parameters must be "shared" with arenas or random_arenas: one network drives all.'),
+        ("ps-dqn", {"num_envs": 7}, "num_envs is 7, but must be a multiple of envs_per_arena, 2."),
+        ("ps-a2c", {"workers": 2}, "workers is 2, but must be 1 with arenas or random_arenas."),
+        (
+            "ps-dqn",
+            {"team_sizes": [0]},
+            "variety.team_sizes is 0, but must be a list of 1 to 1000 whole numbers from 1 to 1000.",
+        ),
+    ],
+)
+def test_what_does_not_go_with_variety_is_one_sentence(technique, options, sentence):
+    with pytest.raises(InputError) as caught:
+        run_config(technique, arenas=["paper"], **options)
+    assert str(caught.value) == sentence
 
 
 def test_techniques_are_what_the_paper_and_we_say():

@@ -42,3 +42,15 @@ def test_rows_add_up_over_the_end_of_episodes(tmp_path):
 def test_a_figure_named_as_a_column_is_refused():
     with pytest.raises(ValueError, match="must not be named"):
         MetricsLog().note({"reward": 1.0})
+
+
+def test_robots_in_rows_of_their_own_count_as_the_environments_they_are_in():
+    log = MetricsLog()
+    # Two environments of one and three robots, each robot a row; the episode ends.
+    touched = np.array([[True], [False], [True], [True]])
+    reward, delivered = np.float32([[4.0], [1.0], [2.0], [1.0]]), np.array([[2], [0], [1], [0]])
+    log.add(reward, delivered, np.full(4, True), touched, touched, 2)
+    row = log.cut("together", 2, 2)
+    assert (row.step, row.decisions, row.episode, row.delivered) == (2, 2, 2, 3)
+    # Per robot and decision, per joint decision, and as a share of the robots.
+    assert (row.reward, row.collisions, row.blocked) == (2.0, 1.5, 0.75)

@@ -317,6 +317,50 @@ def test_a_team_with_one_network_is_resumed_to_the_same_bits_and_grows(tmp_path)
             np.testing.assert_array_equal(load_policy(tmp_path / folder).weights()[name], array)
 
 
+MIXED = {
+    "arenas": ("paper",), "random_arenas": 2, "team_sizes": (1, 3), "envs_per_arena": 1, "num_envs": 4,
+    "episode_steps": 20, "steps": 192, "robots": 3, "updates_per_step": 0.1, "evaluation_episodes": 0,
+}  # fmt: skip
+
+
+def test_teams_of_several_sizes_are_resumed_to_the_same_bits_and_drive_any(tmp_path):
+    config = short("ps-dqn", **MIXED)
+    result, rows = run(tmp_path / "whole", config)
+    # Joint decisions: one in each of four environments, whatever their teams.
+    assert (result.steps, rows[-1].step, rows[-1].decisions) == (192, 192, 192)
+    assert rows[-1].episode == 4 * (48 // 20)
+    training = Training(config)
+    # To the algorithm each robot is an environment.
+    assert (training.algorithm.task.robots, training.algorithm.task.num_envs) == (1, 8)
+    assert training.algorithm.task.decisions == 2 * 192
+    for _ in range(27):
+        training.advance()
+    (tmp_path / "part").mkdir()
+    training.save(tmp_path / "part", 0.0)
+    again = Training(config)
+    again.restore(read_checkpoint(list_checkpoints(tmp_path / "part")[0]), tmp_path / "part")
+    for one in (training, again):
+        while not one.finished:
+            one.advance()
+    for name, array in load_policy(tmp_path / "whole").weights().items():
+        for one in (training, again):
+            np.testing.assert_array_equal(one.actors().weights[name], array)
+    card = load_policy(tmp_path / "whole").card
+    assert (card.robots, card.network.networks, card.network.shared) == (3, 1, True)
+    never = config.with_options(warmup=10**6, start_from=str(tmp_path / "whole"))
+    run(tmp_path / "on", never)
+    for name, array in load_policy(tmp_path / "whole").weights().items():
+        np.testing.assert_array_equal(load_policy(tmp_path / "on").weights()[name], array)
+
+
+def test_a_run_needs_no_file_of_an_arena_among_several(tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text(load_arena("s-bend").text)
+    run(tmp_path / "run", short("ps-dqn", **{**MIXED, "arenas": ("paper", str(own)), "steps": 8}))
+    kept = read_config(tmp_path / "run" / "config.toml").variety
+    assert kept.arenas == ("paper", own.read_text())
+
+
 def test_one_network_for_all_starts_from_one_alone(tmp_path):
     run(tmp_path / "own", short(evaluation_episodes=0))
     start = str(tmp_path / "own")
