@@ -87,18 +87,26 @@ class Random:
     """Also write it to this file, to be used wherever an arena is asked for."""
     png: Path | None = None
     """Also draw it to scale into this PNG file."""
+    count: int = 1
+    """Arenas in that picture: this one, and those of the seeds after it."""
 
     def run(self) -> None:
         from robosim.arena import load_arena
         from robosim.arena.random import random_arena
+        from robosim.errors import whole_number
         from robosim.files import write_whole
 
+        count = whole_number("--count", self.count, 1, 100)
         text = random_arena(self.seed)
-        arena = load_arena(text)
         if self.save is not None:
             write_whole(self.save, text)
-        _draw([arena], self.png)
-        _show(arena, _console())
+        if self.png is not None and count > 1:
+            from robosim.analysis.figures.arenas import save_gallery
+
+            save_gallery([load_arena(random_arena(self.seed + more)) for more in range(count)], self.png)
+        else:
+            _draw([load_arena(text)], self.png)
+        _show(load_arena(text), _console())
 
 
 @dataclass(frozen=True)

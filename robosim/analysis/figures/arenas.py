@@ -34,6 +34,8 @@ _WIDTH, _LEFT, _RIGHT, _TITLE, _AXIS, _LEGEND = 11.0, 0.5, 0.15, 0.4, 0.3, 0.4
 """Of the picture and its margins, inches."""
 _HIGHEST = 60.0
 """A picture higher than this is drawn at a smaller scale, inches."""
+_COLUMNS, _FILLED = 5, 0.94
+"""Of a gallery: arenas in a row, and the part of its cell that the largest fills."""
 _DPI = 110
 _COLOURS = 64
 """Of the PNG: flat colours need no more."""
@@ -44,9 +46,38 @@ def save_picture(arenas: Sequence[Arena], path: Path) -> None:
 
     Raises InputError where the file cannot be written; nothing half-written is left.
     """
+    _require_png(path)
+    write_whole(path, palette_png(_picture(arenas), _COLOURS))
+
+
+def save_gallery(arenas: Sequence[Arena], path: Path) -> None:
+    """Draw the maps of arenas side by side, all to one scale; errors as of `save_picture`."""
+    _require_png(path)
+    write_whole(path, palette_png(_gallery(arenas), _COLOURS))
+
+
+def _gallery(arenas: Sequence[Arena]) -> Figure:
+    columns = min(_COLUMNS, len(arenas))
+    rows = math.ceil(len(arenas) / columns)
+    side = max(max(arena.size) for arena in arenas)
+    cell = _WIDTH / columns
+    total = rows * (cell + _TITLE)
+    figure = Figure(figsize=(_WIDTH, total), dpi=_DPI)
+    for number, arena in enumerate(arenas):
+        row, column = divmod(number, columns)
+        width, height = (_FILLED * cell * length / side for length in arena.size)
+        left = (column + 0.5) * cell - 0.5 * width
+        bottom = total - row * (cell + _TITLE) - _TITLE - 0.5 * (cell + height)
+        axes = figure.add_axes((left / _WIDTH, bottom / total, width / _WIDTH, height / total))
+        _draw_zones(axes, arena)
+        axes.set_axis_off()
+        axes.set_title(arena.name, fontsize=10)
+    return figure
+
+
+def _require_png(path: Path) -> None:
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: a picture is written as PNG; its name must end in .png.")
-    write_whole(path, palette_png(_picture(arenas), _COLOURS))
 
 
 def _picture(arenas: Sequence[Arena]) -> Figure:
@@ -65,7 +96,7 @@ def _picture(arenas: Sequence[Arena]) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, arena: Arena) -> None:
+def _draw_zones(axes: Axes, arena: Arena) -> None:
     width, height = arena.size
     axes.imshow(
         arena.zones,
@@ -76,6 +107,11 @@ def _draw(axes: Axes, arena: Arena) -> None:
         extent=(0.0, width, 0.0, height),
         interpolation="nearest",
     )
+
+
+def _draw(axes: Axes, arena: Arena) -> None:
+    width, height = arena.size
+    _draw_zones(axes, arena)
     taken = np.random.default_rng(0).permutation(len(arena.pellet_places))[: arena.pellets.count]
     pellets = [Circle((x, y), arena.pellets.radius) for x, y in arena.pellet_places[taken]]
     axes.add_collection(PatchCollection(pellets, facecolor=_PELLET_COLOUR, linewidth=0))

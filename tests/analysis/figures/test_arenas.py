@@ -4,8 +4,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from robosim.analysis.figures.arenas import save_picture
-from robosim.arena import load_arena
+from robosim.analysis.figures.arenas import save_gallery, save_picture
+from robosim.arena import Zone, load_arena
 from robosim.errors import InputError
 
 
@@ -46,3 +46,17 @@ def test_only_png(tmp_path: Path) -> None:
         save_picture([load_arena("paper")], tmp_path / "x.jpg")
     assert str(caught.value) == f"{tmp_path}/x.jpg: a picture is written as PNG; its name must end in .png."
     assert not list(tmp_path.iterdir())
+
+
+def test_a_gallery_has_a_map_for_each_arena(tmp_path: Path) -> None:
+    path = tmp_path / "gallery.png"
+    arenas = [load_arena("paper"), load_arena("s-bend")]
+    save_gallery(arenas, path)
+    pixels = (255 * matplotlib.image.imread(path)[..., :3]).round()
+    # Half the picture for each, to one scale: walls as many times as wide as there are cells of them.
+    halves = np.split(pixels, 2, axis=1)
+    walls = [(half == (0x4A, 0x4F, 0x57)).all(axis=2).sum() for half in halves]
+    cells = [(arena.zones == Zone.WALL).sum() for arena in arenas]
+    assert walls[0] / walls[1] == pytest.approx(cells[0] / cells[1], rel=0.03)
+    with pytest.raises(InputError, match=r"its name must end in \.png"):
+        save_gallery(arenas, tmp_path / "gallery.jpg")
