@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena import load_arena
+from robosim.arena.random import random_arena
 from robosim.envs.config import EnvConfig, env_config
 from robosim.envs.variety import VarietyConfig, require_alike
 from robosim.envs.vector import MAX_ENVS, Snapshot, Transition, VectorEnv, checked_actions, env_seeds
@@ -48,8 +49,9 @@ class MixedVectorEnv:
         groups = num_envs // variety.envs_per_arena
         self.sizes = variety.sizes(groups, self.seeds)
         """[groups] robots in each environment of a group."""
-        for listed in variety.arenas:
-            require_alike(load_arena(listed), arena, max(self.sizes))
+        first = (random_arena(variety.arena_seed),) if variety.random_arenas else ()
+        for one in (*variety.arenas, *first):
+            require_alike(load_arena(one), arena, max(self.sizes))
         self.num_envs = variety.envs_per_arena * sum(self.sizes)
         """Rows of the batch: robots of all environments together."""
         sample = VectorEnv(self.config)

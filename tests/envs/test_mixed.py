@@ -144,10 +144,16 @@ def test_what_does_not_fit_is_one_sentence(tmp_path: Any) -> None:
             8,
             "arenas: narrow has room for 2 robots, but must have room for 8, as team_sizes says.",
         ),
+        (
+            VarietyConfig(random_arenas=1, arena_seed=8),
+            8,
+            "arenas: cell_size of random-8 is 0.15, but must be 0.2, as in robotarium: one network is to drive "
+            "in all of them.",
+        ),
         (VARIETY, 7, "num_envs is 7, but must be a multiple of envs_per_arena, 2."),
     ):
         with pytest.raises(InputError) as caught:
-            mixed(variety, num_envs)
+            mixed(variety, num_envs, arena="robotarium" if "robotarium" in sentence else "paper")
         assert str(caught.value) == sentence
     env = mixed()
     with pytest.raises(InputError, match="call reset first"):
