@@ -29,6 +29,7 @@ from robosim.learning.metrics import Metrics, MetricsLog, Sums
 
 TrainingEnv = VectorEnv | WorkerVectorEnv | MixedVectorEnv
 
+
 class Training:
     """Everything that changes while a team learns."""
 

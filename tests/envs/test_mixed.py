@@ -147,8 +147,10 @@ def test_what_does_not_fit_is_one_sentence(tmp_path: Any) -> None:
         (
             VarietyConfig(random_arenas=1, arena_seed=8),
             8,
-            "arenas: cell_size of random-8 is 0.15, but must be 0.2, as in robotarium: one network is to drive "
-            "in all of them.",
+            (
+                "arenas: cell_size of random-8 is 0.15, but must be 0.2, as in robotarium: one network is to "
+                "drive in all of them."
+            ),
         ),
         (VARIETY, 7, "num_envs is 7, but must be a multiple of envs_per_arena, 2."),
     ):
