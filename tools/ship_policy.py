@@ -50,10 +50,12 @@ def ship(
     seed: int = 7,
     half: bool = False,
     episode_steps: int | None = None,
+    robots: int | None = None,
 ) -> PolicyCard:
     """Write the policy of a run to `into`/`name` and return its card; InputError if it cannot ship.
 
-    Episodes are as long as the arena says, or else of `episode_steps` decisions.
+    Episodes are as long as the arena says, or else of `episode_steps` decisions. One network for all can ship
+    as a team of another size, `robots`.
     """
     check_request(name, notes, episodes, seed)
     policy = read_policy(find_policy(run))
@@ -62,6 +64,8 @@ def ship(
         raise InputError(f"--seed is {seed}, the seed of the training: it must be another.")
     if card.arena.name not in arena_names() or load_arena(card.arena.name).text != card.env.arena:
         print(f"note: the arena {card.arena.name} of the card is not, or no longer, the one that ships")
+    if robots is not None:
+        card = resized(card, robots)
     training = card.training.changed(command=shown_command(card.training.command, name))
     card = card.changed(training=training, evaluation=None, reference=None, notes=notes)
     with tempfile.TemporaryDirectory() as scratch:
@@ -77,6 +81,16 @@ def ship(
             raise too_large(draft)
     save_policy(into / name, weights, card)
     return card
+
+
+def resized(card: PolicyCard, robots: int) -> PolicyCard:
+    """Return the card of the same network with a team of `robots`; InputError unless all robots run one."""
+    if not card.network.shared:
+        raise InputError(
+            f"--robots is {robots}: only where all robots run one network can the team be resized."
+        )
+    env, network = card.env.changed(robots=robots), card.network.changed(of_robot=(0,) * robots)
+    return card.changed(env=env, network=network)
 
 
 def store(draft: Path, weights: Weights, card: PolicyCard, half: bool) -> tuple[Weights, PolicyCard]:
@@ -180,6 +194,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--episodes", type=int, default=12, help="whole episodes to evaluate")
     parser.add_argument("--seed", type=int, default=7, help="seed of the evaluation, not the training's")
     parser.add_argument("--half", action="store_true", help="store float16 even where float32 would fit")
+    parser.add_argument("--robots", type=int, help="team size on the card, where all robots run one network")
     parser.add_argument("--into", type=Path, default=POLICIES, help="folder of policies to write to")
     given = parser.parse_args(argv)
 
@@ -192,6 +207,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             episodes=given.episodes,
             seed=given.seed,
             half=given.half,
+            robots=given.robots,
         )
         folder = given.into / given.name
         share = "" if card.share is None else f", {100 * card.share:.1f} % of lanes"

@@ -54,6 +54,17 @@ def test_ships_whole_with_evaluation_reference_and_notes(tmp_path, capsys):
     assert (shipped.values(observation) == load_policy(run).values(observation)).all()
 
 
+def test_one_network_for_all_ships_as_a_team_of_another_size(tmp_path):
+    run = make_run(tmp_path / "run", robots=2, alike=[1])
+    # Stored once, it is one that all robots run.
+    ship(run, "p", tmp_path / "to")
+    card = ship(tmp_path / "to" / "p", "q", tmp_path / "to", robots=3)
+    assert (card.robots, card.network.of_robot, card.evaluation.robots) == (3, (0, 0, 0), 3)
+    with pytest.raises(InputError) as caught:
+        ship(make_run(tmp_path / "own"), "r", tmp_path / "to", robots=3)
+    assert str(caught.value) == "--robots is 3: it needs a policy of which all robots run one network."
+
+
 @pytest.mark.parametrize(("half", "most"), [(True, 1_500_000), (False, 20_000)])
 def test_rounds_when_asked_or_when_too_large(tmp_path, monkeypatch, half, most):
     run = make_run(tmp_path / "run", robots=4)
