@@ -86,9 +86,7 @@ def ship(
 def resized(card: PolicyCard, robots: int) -> PolicyCard:
     """Return the card of the same network with a team of `robots`; InputError unless all robots run one."""
     if not card.network.shared:
-        raise InputError(
-            f"--robots is {robots}: only where all robots run one network can the team be resized."
-        )
+        raise InputError(f"--robots is {robots}: it needs a policy of which all robots run one network.")
     env, network = card.env.changed(robots=robots), card.network.changed(of_robot=(0,) * robots)
     return card.changed(env=env, network=network)
 
