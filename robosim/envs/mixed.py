@@ -39,7 +39,8 @@ class MixedVectorEnv:
         """
         self.config, arena = env_config(base)
         """As given, with the arena's text: what a policy's card says."""
-        self.variety = variety
+        # With their texts: an arena is then read once, and not again with every episode.
+        self.variety = variety.changed(arenas=tuple(load_arena(one).text for one in variety.arenas))
         self.joint_decisions = whole_number("num_envs", num_envs, 1, MAX_ENVS)
         if num_envs % variety.envs_per_arena:
             raise InputError(
@@ -50,7 +51,7 @@ class MixedVectorEnv:
         self.sizes = variety.sizes(groups, self.seeds)
         """[groups] robots in each environment of a group."""
         first = (random_arena(variety.arena_seed),) if variety.random_arenas else ()
-        for one in (*variety.arenas, *first):
+        for one in (*self.variety.arenas, *first):
             require_alike(load_arena(one), arena, max(self.sizes))
         self.num_envs = variety.envs_per_arena * sum(self.sizes)
         """Rows of the batch: robots of all environments together."""

@@ -33,7 +33,7 @@ def steps_between(arena: Arena, robot_fits: np.ndarray) -> int | None:
 
 
 @given(seeds)
-@settings(max_examples=12)
+@settings(max_examples=8)
 def test_every_arena_is_a_valid_file_in_which_home_and_source_are_joined(seed: int) -> None:
     text = random_arena(seed)
     arena = parse_arena(text, "drawn.toml")
@@ -70,7 +70,7 @@ def test_the_file_of_a_seed_does_not_change() -> None:
 
 
 def test_there_are_all_kinds_in_all_directions() -> None:
-    arenas = [load_arena(random_arena(seed)) for seed in range(25)]
+    arenas = [load_arena(random_arena(seed)) for seed in range(20)]
     words = " ".join(arena.description for arena in arenas)
     for kind in ("1 wide", "2 wide", "3 wide", "1 bend", "3 bends", "sidings", "an island", "second tunnel"):
         assert kind in words
