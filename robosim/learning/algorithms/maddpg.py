@@ -15,14 +15,16 @@ import torch
 from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
-from torch.nn.functional import one_hot, pad
+from torch.nn.functional import one_hot
 
 from robosim.control.network import NetworkSpec
-from robosim.discretise.observation import blocked_moves, mask_blocked_moves
+from robosim.discretise.observation import mask_blocked_moves
 from robosim.errors import InputError, shown
+from robosim.learning.algorithms.actor_critic import drawn
 from robosim.learning.algorithms.dqn.replay import Batch, Replay
 from robosim.learning.algorithms.dqn.returns import MultiStepReturns
 from robosim.learning.algorithms.protocol import Actors, AlgorithmConfig, Experience, State, Task
+from robosim.learning.algorithms.stacked import mask_blocked, part
 from robosim.learning.computing import denormals_flushed
 from robosim.learning.networks import ActionValues, Layers, NetworkShape, Parameters, initialise
 from robosim.records import Many
@@ -110,9 +112,7 @@ class Maddpg:
 
     def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
         logits = mask_blocked_moves(self._act(observation), observation, self._gains)
-        # The largest sum with a Gumbel draw is a draw from the softmax.
-        drawn: NDArray[np.int64] = (logits + self._choose.gumbel(size=logits.shape)).argmax(axis=-1)
-        return drawn
+        return drawn(logits, self._choose)
 
     def observe(self, experience: Experience) -> None:
         self._decisions += len(experience.reward)
@@ -157,9 +157,9 @@ class Maddpg:
 
     def restore(self, state: State) -> None:
         tensors, facts = state
-        self.actor.restore(_part(tensors, "actor."))
-        self.critic.restore(_part(tensors, "critic."))
-        self._returns.restore({name: tensor.numpy() for name, tensor in _part(tensors, "open.").items()})
+        self.actor.restore(part(tensors, "actor."))
+        self.critic.restore(part(tensors, "critic."))
+        self._returns.restore({name: tensor.numpy() for name, tensor in part(tensors, "open.").items()})
         self._decisions, self._updates = int(facts["decisions"]), int(facts["updates"])
         self._choose.bit_generator.state = facts["choose"]
         self._draw.bit_generator.state = facts["draw"]
@@ -194,7 +194,8 @@ class Maddpg:
         """Return the mean squared error of each robot's critic, [robots]."""
         config, actions = self.config, self.task.num_actions
         with torch.no_grad():
-            best = self._open(_forward(self.actor.target, batch.successors), batch.successors).argmax(dim=-1)
+            logits = _forward(self.actor.target, batch.successors)
+            best = mask_blocked(logits, batch.successors, self._gains).argmax(dim=-1)
             after = _of_team(batch.successors, one_hot(best, actions).float())
             follows = batch.continues * _forward(self.critic.target, after)
             goal = config.reward_scale * batch.rewards + config.discount**config.return_steps * follows
@@ -208,25 +209,18 @@ class Maddpg:
         All robots draw their actions anew; a critic's gradient reaches that of its own robot alone.
         """
         logits = _forward(self.actor.learning, batch.observations)
-        is_open = self._open(logits, batch.observations)
+        is_open = mask_blocked(logits, batch.observations, self._gains)
         noise = torch.from_numpy(self._draw.gumbel(size=tuple(logits.shape)).astype(np.float32))
-        drawn = straight_through(is_open + noise)
-        others = drawn.detach().transpose(0, 1)
+        choice = straight_through(is_open + noise)
+        others = choice.detach().transpose(0, 1)
         # [critic, transitions, robot, ...], then the robots side by side.
-        actions = torch.where(self._own, drawn[:, :, None], others)
+        actions = torch.where(self._own, choice[:, :, None], others)
         observations = batch.observations.transpose(0, 1).expand(len(actions), -1, -1, -1)
         values = _forward(self.critic.learning, torch.cat((observations, actions), dim=3).flatten(2))
         with torch.no_grad():
             entropy = torch.special.entr(is_open.softmax(dim=-1)).sum(dim=-1)
         each = (-values[..., 0], logits.square().mean(dim=-1), entropy)
-        return _Losses(*(part.mean(dim=1) for part in each))
-
-    def _open(self, logits: Tensor, observations: Tensor) -> Tensor:
-        """Return `logits` with minus infinity where a move is blocked."""
-        if self._gains is None:
-            return logits
-        blocked = blocked_moves(observations, self._gains)
-        return logits.masked_fill(pad(blocked, (0, logits.shape[-1] - blocked.shape[-1])), -torch.inf)
+        return _Losses(*(one.mean(dim=1) for one in each))
 
 
 class _Losses(NamedTuple):
@@ -301,7 +295,7 @@ class _Networks:
                 )
             into.copy_(tensors[name])
         self._adam.state.clear()
-        moments = _part(tensors, "adam.")
+        moments = part(tensors, "adam.")
         if moments:
             self._adam.state[self.online.flat] = {name: one.clone() for name, one in moments.items()}
 
@@ -340,7 +334,3 @@ def _make_replay(config: MaddpgConfig, task: Task) -> Replay:
             f"replay_capacity is {config.replay_capacity}, but must be less: {task.robots} robots with "
             f"observations of {task.size} numbers need more memory than there is."
         ) from error
-
-
-def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    return {name.removeprefix(prefix): one for name, one in tensors.items() if name.startswith(prefix)}
