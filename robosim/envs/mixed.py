@@ -74,7 +74,7 @@ class MixedVectorEnv:
 
         Raises InputError for actions of the wrong shape, kind or range, and before the first reset.
         """
-        chosen = checked_actions(actions, (self.num_envs, 1))
+        chosen = checked_actions(actions, (self.num_envs, 1), self.num_actions)
         if not self.groups:
             raise InputError("step: no episode has begun; call reset first.")
         parts = [_of_rows(env.step(share)) for env, share in self._shared_out(chosen[:, 0])]
