@@ -145,17 +145,3 @@ def test_more_environments_than_places_leave_the_latest():
     assert replay.added == 7
     assert replay.length == 4
     assert replay.export(3, 7)["observations"][0, :, 1].tolist() == [3, 4, 5, 6]
-
-
-def test_drawn_together_all_robots_have_the_same_decision():
-    replay, rng = Replay(3, 50, 2), np.random.default_rng(0)
-    number = np.repeat(np.arange(40, dtype=np.float32)[:, None], 3, axis=1)
-    seen = np.repeat(number[..., None], 2, axis=2)
-    replay.add(seen, number.astype(np.int64), number, seen + 1)
-    batch = Batch.reserve(3, 200, 2)
-    replay.sample(rng, batch, together=True)
-    assert (batch.rewards == batch.rewards[:1]).all()
-    assert len(batch.rewards.unique()) > 30
-    np.testing.assert_array_equal(batch.successors, batch.observations + 1)
-    replay.sample(rng, batch)
-    assert not (batch.rewards == batch.rewards[:1]).all()
