@@ -17,8 +17,8 @@ from robosim.learning.metrics import read_metrics
 from robosim.learning.trainer import train
 
 TINY = run_config(
-    "iql+s", world="grid", arena="single-lane", steps=1200, robots=2, num_envs=2, episode_steps=100,
-    warmup=50, hidden=(8,), checkpoint_every=400, record_every=400, record_steps=1, evaluation_episodes=3,
+    "iql+s", world="grid", arena="single-lane", steps=600, robots=2, num_envs=2, episode_steps=100,
+    warmup=50, hidden=(8,), checkpoint_every=200, record_every=200, record_steps=1, evaluation_episodes=3,
     seed=5,
 )  # fmt: skip
 MEASURING = Measuring(episodes=3, steps=120)
@@ -38,7 +38,7 @@ def test_a_job_says_what_is_learned_and_how_it_is_measured_and_nothing_else(lear
     assert result.config["evaluation"] == {"episodes": 3, "steps": 120}
     same = TINY.with_options(checkpoint_every=0, record_every=0, workers=2, evaluation_episodes=0)
     assert learning_job(same, MEASURING).key == job.key
-    for other in ({"seed": 6}, {"steps": 1201}, {"pheromone_radius": 1}, {"technique": "mine"}):
+    for other in ({"seed": 6}, {"steps": 601}, {"pheromone_radius": 1}, {"technique": "mine"}):
         assert learning_job(TINY.with_options(**other), MEASURING).key != job.key
     assert learning_job(TINY, Measuring(episodes=4, steps=120)).key != job.key
     assert shares == sorted(shares)
@@ -83,7 +83,7 @@ def test_the_learning_curve_adds_up_to_what_the_run_wrote_down(learned):
     job, result, root, _ = learned
     rows = read_metrics(job.folder(root) / "work" / "run" / "metrics.parquet")
     steps = np.array(result.series["learned"])
-    assert steps[-1] == rows[-1].step == 1200
+    assert steps[-1] == rows[-1].step == 600
     decisions = np.diff([0, *steps])
     pellets = (np.array(result.series["learned_pellets"]) * decisions / 1000).sum()
     assert pellets == pytest.approx(sum(row.delivered for row in rows), abs=1e-3)
