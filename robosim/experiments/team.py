@@ -91,7 +91,9 @@ def work_off(config: Mapping[str, Any], folder: Path, report: Report = ignore) -
         env_config = EnvConfig.from_table(config["env"], "the job's env")
         controller = make_controller(team.removeprefix(POLICY))
         return _measured(controller, env_config, seed, measuring, _Shares(report, 0, env_config, measuring))
-    run = RunConfig.from_table({name: config[name] for name in RunConfig.model_fields}, "the job")
+    # A part that the job does not name is one that it does without.
+    parts = {name: part for name, part in config.items() if name in RunConfig.model_fields}
+    run = RunConfig.from_table(parts, "the job")
     shares = _Shares(report, run.schedule.steps, run.env, measuring)
     wall_time, curve = _learn(run, folder / _RUN, shares)
     controller = LearnedController(read_policy(folder / _RUN / RUN_POLICY), str(folder / _RUN))
