@@ -17,6 +17,7 @@ class OneDelivery:
     def __init__(self, env):
         self._env = env
         self.robots, self.num_envs, self.layout = env.robots, env.num_envs, env.layout
+        self.joint_decisions = env.joint_decisions
         self.num_actions = env.num_actions
         self.steps = []
 
