@@ -147,6 +147,8 @@ def section_lines(section: Section) -> Iterator[str]:
     yield ""
     yield f"    robosim sweep docs/results/{section.name}.toml"
     yield ""
+    if not done:
+        return
     table = sweep_table(sweep, results)
     yield from table.lines(above=paper_rows(table) if section.beside_paper else None)
     yield ""
@@ -159,14 +161,13 @@ def section_lines(section: Section) -> Iterator[str]:
             yield ""
             yield from sweep_table(sweep, results, figure).lines(digits=0 if figure == "touches" else 2)
             yield ""
-    if done and section.figures:
-        yield from figure_lines(section)
+    yield from figure_lines(section)
 
 
 def count_line(sweep: Sweep, done: Sequence[Result]) -> str:
     """Say how much of a sweep has run, and where."""
     if not done:
-        return f"None of its {len(sweep.jobs)} runs has been made."
+        return f"Not run yet: none of its {len(sweep.jobs)} runs has been made."
     machines = sorted({result.machine.get("processor", "unknown") for result in done})
     hours = sum(result.wall_time + result.evaluation_time for result in done) / 3600.0
     return (
@@ -188,7 +189,7 @@ def paper_rows(table: SweepTable) -> dict[str, dict[Column, str]]:
 def figure_lines(section: Section) -> Iterator[str]:
     """Draw the figures of a section and yield the lines that show them."""
     runs = [one for one in read_runs([results_file(section.name)]) if drawn(section, one)]
-    if not runs:
+    if not runs or not section.figures:
         return
     for name, picture in draw_comparison(compare(runs), runs):
         if name in section.figures:
