@@ -17,6 +17,7 @@ from robosim.robot.drivers import FEWEST_ACTIONS
 
 LEAST_SQUARE = 1e-5
 """Added to the mean square, or to the variance, by which hidden layers are normalised."""
+Activation = Literal["relu", "tanh"]
 Normalisation = Literal["none", "rms", "layer"]
 MOST_OUTPUTS = 1_000_000
 """Of a network that chooses for all robots: five actions of eight robots have 390,625 combinations."""
@@ -40,7 +41,7 @@ class NetworkSpec(Record):
         default=(128, 128, 128), min_length=1, max_length=8
     )
     """Widths of the hidden layers."""
-    activation: Literal["relu", "tanh"] = "relu"
+    activation: Activation = "relu"
     """Of the hidden layers."""
     normalisation: Normalisation = "none"
     """`rms`: a hidden layer is divided by its root mean square, after the activation (Zhang 2019). `layer`:

@@ -34,7 +34,7 @@ def take_in(algorithm, done):
 
 def weights_of(algorithm):
     """Return copies of all weights, of actors and critics."""
-    critic = {f"critic{i}": one.detach().numpy().copy() for i, one in enumerate(algorithm.critic)}
+    critic = {f"critic{i}": one.detach().numpy().copy() for i, one in enumerate(algorithm.critic.parameters)}
     return {**algorithm.actors().weights, **critic}
 
 

@@ -6,7 +6,7 @@ All networks are stacked, one batched product a layer; a network that robots sha
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -15,18 +15,26 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from robosim.control.network import NetworkSpec, Output
-from robosim.discretise.observation import MoveGains, blocked_moves
+from robosim.control.network import Activation, NetworkSpec, Output
 from robosim.errors import InputError, shown
 from robosim.learning.algorithms.protocol import Actors, AlgorithmConfig, Experience, State, Task
+from robosim.learning.algorithms.rollout import restored_rollout, rollout_state, stack_decisions
+from robosim.learning.algorithms.stacked import (
+    StackedNetworks,
+    mask_blocked,
+    optimiser_state,
+    part,
+    prefixed,
+    restore_optimiser,
+    shorten_gradients,
+)
 from robosim.learning.computing import denormals_flushed
-from robosim.learning.networks import NetworkShape, Parameters, initialise
+from robosim.learning.networks import NetworkShape
 from robosim.records import Many
 
 Floats = NDArray[np.float32]
-Activation = Literal["relu", "tanh"]
 
-_NEVER = -1e9
+NEVER = -1e9
 """Logit of a blocked move: finite, so that its share of the entropy is 0 and not undefined."""
 
 
@@ -118,12 +126,13 @@ class ActorCritic(ABC):
         self._rng = np.random.default_rng(choose)
         self.networks = spec.networks
         actor = NetworkShape(spec.networks, spec.inputs, spec.hidden, spec.outputs)
-        self.actor, self.critic = _new_layers(actor, actors), _new_layers(critic, critics)
+        self.actor, self.critic = (
+            _near_zero(StackedNetworks.draw(shape, parent.spawn(shape.robots), config.activation))
+            for shape, parent in ((actor, actors), (critic, critics))
+        )
         if start is not None:
-            # By name: a checkpoint gives them back in another order.
-            arrays = [start.weights[name] for name in start.spec.shapes]
-            _load(self.actor, [torch.from_numpy(array.copy()) for array in arrays])
-        self._parameters = [one.requires_grad_() for one in (*self.actor, *self.critic)]
+            self.actor.load(start.weights)
+        self._parameters = [*self.actor.parameters, *self.critic.parameters]
         self._adam = torch.optim.Adam(self._parameters, lr=config.learning_rate, eps=1e-5)
         self._rollout: list[Experience] = []
         self._stale = False
@@ -143,7 +152,7 @@ class ActorCritic(ABC):
         config = self.config
         if len(self._rollout) < config.rollout:
             return {}
-        rollout = _stacked(self._rollout)
+        rollout = stack_decisions(self._rollout)
         self._rollout, self._stale = [], True
         rate = config.learning_rate * (1.0 + (config.learning_rate_end - 1.0) * min(1.0, progress))
         self._adam.param_groups[0]["lr"] = rate
@@ -152,34 +161,16 @@ class ActorCritic(ABC):
         return figures | {"learning_rate": rate}
 
     def actors(self) -> Actors:
-        shapes = self.spec.shapes
-        arrays = (
-            one.detach().numpy().copy().reshape(shape)
-            for one, shape in zip(self.actor, shapes.values(), strict=True)
-        )
-        return Actors(self.spec, dict(zip(shapes, arrays, strict=True)))
+        return Actors(self.spec, self.actor.to_numpy())
 
     def state(self) -> State:
-        tensors = {f"parameter{i}": one.detach().clone() for i, one in enumerate(self._parameters)}
-        for i, one in enumerate(self._parameters):
-            for name, tensor in self._adam.state.get(one, {}).items():
-                tensors[f"adam{i}.{name}"] = tensor.clone()
-        if self._rollout:
-            held = _stacked(self._rollout)._asdict()
-            tensors |= {f"rollout.{name}": torch.from_numpy(array) for name, array in held.items()}
+        tensors = prefixed("optimiser.", optimiser_state(self._adam)) | rollout_state(self._rollout)
         return State(tensors, {"stale": self._stale, "rng": self._rng.bit_generator.state})
 
     def restore(self, state: State) -> None:
         tensors, facts = state
-        _load(self._parameters, [tensors[f"parameter{i}"] for i in range(len(self._parameters))])
-        self._adam.state.clear()
-        for i, one in enumerate(self._parameters):
-            moments = _part(tensors, f"adam{i}.")
-            if moments:
-                self._adam.state[one] = {name: tensor.clone() for name, tensor in moments.items()}
-        held = _part(tensors, "rollout.")
-        decisions = zip(*(held[name].numpy() for name in Experience._fields), strict=True) if held else ()
-        self._rollout = [Experience(*decision) for decision in decisions]
+        restore_optimiser(self._adam, part(tensors, "optimiser."))
+        self._rollout = restored_rollout(tensors)
         self._stale = bool(facts["stale"])
         self._rng.bit_generator.state = facts["rng"]
 
@@ -193,16 +184,11 @@ class ActorCritic(ABC):
 
     def _logits(self, observation: Tensor) -> Tensor:
         """Return the actors' logits [..., robots, actions] of `observation` [..., robots, size]."""
-        logits = forward(self.actor, observation, self.config.activation)
-        if self._gains is None:
-            return logits
-        return logits.masked_fill(self._blocked(observation, self._gains), _NEVER)
+        return self._masked(self.actor.of_robots(observation), observation)
 
-    def _blocked(self, observation: Tensor, gains: MoveGains) -> Tensor:
-        """Return which actions [..., robots, actions] are not chosen."""
-        blocked = blocked_moves(observation, gains)
-        rest = blocked.new_zeros((*blocked.shape[:-1], self.task.num_actions - blocked.shape[-1]))
-        return torch.cat((blocked, rest), dim=-1)
+    def _masked(self, logits: Tensor, observation: Tensor) -> Tensor:
+        """Return logits with those of actions that are not to be chosen out of reach."""
+        return mask_blocked(logits, observation, self._gains, NEVER)
 
     def _descend(self, losses: Losses) -> None:
         """Fill the gradient of the networks' losses, summed: no network's weights occur in another's."""
@@ -227,7 +213,7 @@ class AdvantageActorCritic(ActorCritic):
         super().__init__(config, task, seed, start, spec, critic)
 
     def _values(self, observation: Tensor) -> Tensor:
-        return forward(self.critic, observation, self.config.activation)[..., 0]
+        return self.critic.of_robots(observation)[..., 0]
 
     def _learn(self, rollout: Experience) -> dict[str, float]:
         losses = self._losses(rollout)
@@ -276,28 +262,6 @@ def own_actors(config: OwnActorsConfig, task: Task) -> NetworkSpec:
     )
 
 
-def forward(layers: Sequence[Tensor], observation: Tensor, activation: Activation) -> Tensor:
-    """Return what networks put out, [..., robots, outputs], of `observation` [..., robots, size].
-
-    `layers` are weights [networks, in, out] and biases [networks, 1, out] by turns. Each robot has a network,
-    or all have the only one.
-    """
-    *batch, robots, size = observation.shape
-    hidden = observation.reshape(-1, robots, size).transpose(0, 1)
-    if len(layers[0]) == 1:
-        hidden = hidden.reshape(1, -1, size)
-    for layer in range(0, len(layers), 2):
-        hidden = torch.baddbmm(layers[layer + 1], hidden, layers[layer])
-        if layer < len(layers) - 2:
-            hidden = activated(hidden, activation)
-    return hidden.reshape(robots, -1, hidden.shape[-1]).transpose(0, 1).reshape(*batch, robots, -1)
-
-
-def activated(hidden: Tensor, activation: Activation) -> Tensor:
-    """Return what a hidden layer makes of its sums."""
-    return torch.tanh(hidden) if activation == "tanh" else torch.relu(hidden)
-
-
 def drawn(logits: Floats, rng: np.random.Generator) -> NDArray[np.int64]:
     """Return draws [...] from the softmax of `logits` [..., choices]."""
     # The largest sum with a Gumbel draw is one.
@@ -343,46 +307,10 @@ def standardised(numbers: Floats, axes: tuple[int, ...]) -> Floats:
     return scaled
 
 
-def shorten_gradients(parameters: Sequence[Tensor], most: float) -> Tensor:
-    """Shorten the gradient of each network, over all of `parameters` [networks, ...], to `most`.
-
-    Returns the lengths before, [networks].
-    """
-    gradients = [one.grad for one in parameters if one.grad is not None]
-    squares = torch.stack([gradient.square().sum(dim=(1, 2)) for gradient in gradients])
-    norms = squares.sum(dim=0).sqrt()
-    factors = (most / (norms + 1e-6)).clamp(max=1.0)
-    for gradient in gradients:
-        gradient.mul_(factors[:, None, None])
-    return norms
-
-
-def _new_layers(shape: NetworkShape, seed: np.random.SeedSequence) -> list[Tensor]:
-    """Return weights [networks, in, out] and biases [networks, 1, out] by turns."""
-    parameters = Parameters(shape)
-    initialise(parameters, seed.spawn(shape.robots))
-    pairs = zip(parameters.weights, parameters.biases, strict=True)
-    layers = [tensor.clone(memory_format=torch.contiguous_format) for pair in pairs for tensor in pair]
-    # Near zero at first: all actions are about as likely, and nothing is expected.
-    layers[-2].mul_(0.01)
-    layers[-1].zero_()
-    return layers
-
-
-def _load(into: Sequence[Tensor], tensors: Sequence[Tensor]) -> None:
+def _near_zero(networks: StackedNetworks) -> StackedNetworks:
+    """Bring outputs near zero: all actions are about as likely at first, and nothing is expected."""
+    *_, weight, bias = networks.parameters
     with torch.no_grad():
-        for one, given in zip(into, tensors, strict=True):
-            if one.numel() != given.numel():
-                raise InputError(
-                    f"a layer has the shape {shown(tuple(given.shape))}, but must have "
-                    f"{shown(tuple(one.shape))}."
-                )
-            one.copy_(given.reshape(one.shape))
-
-
-def _stacked(decisions: Sequence[Experience]) -> Experience:
-    return Experience(*map(np.stack, zip(*decisions, strict=True)))
-
-
-def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    return {name.removeprefix(prefix): one for name, one in tensors.items() if name.startswith(prefix)}
+        weight.mul_(0.01)
+        bias.zero_()
+    return networks

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from robosim.control.network import MOST_OUTPUTS, NetworkSpec, blocked_combinations
-from robosim.discretise.observation import MoveGains, blocked_moves
+from robosim.discretise.observation import blocked_moves
 from robosim.errors import InputError
-from robosim.learning.algorithms.actor_critic import ActorCriticConfig, AdvantageActorCritic, Floats
+from robosim.learning.algorithms.actor_critic import NEVER, ActorCriticConfig, AdvantageActorCritic, Floats
 from robosim.learning.algorithms.protocol import Actors, Experience, Task
 
 
@@ -73,10 +73,12 @@ class MaA2c(AdvantageActorCritic):
             )
         )
 
-    def _blocked(self, observation: Tensor, gains: MoveGains) -> Tensor:
+    def _masked(self, logits: Tensor, observation: Tensor) -> Tensor:
+        if self._gains is None:
+            return logits
         each = observation.reshape(*observation.shape[:-1], self.task.robots, self.task.size)
-        combinations = blocked_combinations(blocked_moves(each, gains).numpy(), self.task.num_actions)
-        return torch.from_numpy(combinations)
+        blocked = blocked_combinations(blocked_moves(each, self._gains).numpy(), self.task.num_actions)
+        return logits.masked_fill(torch.from_numpy(blocked), NEVER)
 
 
 def _as_one(observation: Floats) -> Floats:

@@ -24,9 +24,16 @@ from robosim.learning.algorithms.actor_critic import drawn
 from robosim.learning.algorithms.dqn.replay import Batch, Replay
 from robosim.learning.algorithms.dqn.returns import MultiStepReturns
 from robosim.learning.algorithms.protocol import Actors, AlgorithmConfig, Experience, State, Task
-from robosim.learning.algorithms.stacked import mask_blocked, part
+from robosim.learning.algorithms.stacked import (
+    StackedNetworks,
+    mask_blocked,
+    optimiser_state,
+    part,
+    restore_optimiser,
+    shorten_gradients,
+)
 from robosim.learning.computing import denormals_flushed
-from robosim.learning.networks import ActionValues, Layers, NetworkShape, Parameters, initialise
+from robosim.learning.networks import ActionValues, NetworkShape, Parameters, initialise
 from robosim.records import Many
 
 
@@ -194,13 +201,13 @@ class Maddpg:
         """Return the mean squared error of each robot's critic, [robots]."""
         config, actions = self.config, self.task.num_actions
         with torch.no_grad():
-            logits = _forward(self.actor.target, batch.successors)
+            logits = self.actor.following(batch.successors)
             best = mask_blocked(logits, batch.successors, self._gains).argmax(dim=-1)
             after = _of_team(batch.successors, one_hot(best, actions).float())
-            follows = batch.continues * _forward(self.critic.target, after)
+            follows = batch.continues * self.critic.following(after)
             goal = config.reward_scale * batch.rewards + config.discount**config.return_steps * follows
         taken = one_hot(batch.actions[..., 0], actions).float()
-        values = _forward(self.critic.learning, _of_team(batch.observations, taken))
+        values = self.critic.learning(_of_team(batch.observations, taken))
         return (values - goal).square().mean(dim=(1, 2))
 
     def _policy_losses(self, batch: Batch) -> _Losses:
@@ -208,7 +215,7 @@ class Maddpg:
 
         All robots draw their actions anew; a critic's gradient reaches that of its own robot alone.
         """
-        logits = _forward(self.actor.learning, batch.observations)
+        logits = self.actor.learning(batch.observations)
         is_open = mask_blocked(logits, batch.observations, self._gains)
         noise = torch.from_numpy(self._draw.gumbel(size=tuple(logits.shape)).astype(np.float32))
         choice = straight_through(is_open + noise)
@@ -216,7 +223,7 @@ class Maddpg:
         # [critic, transitions, robot, ...], then the robots side by side.
         actions = torch.where(self._own, choice[:, :, None], others)
         observations = batch.observations.transpose(0, 1).expand(len(actions), -1, -1, -1)
-        values = _forward(self.critic.learning, torch.cat((observations, actions), dim=3).flatten(2))
+        values = self.critic.learning(torch.cat((observations, actions), dim=3).flatten(2))
         with torch.no_grad():
             entropy = torch.special.entr(is_open.softmax(dim=-1)).sum(dim=-1)
         each = (-values[..., 0], logits.square().mean(dim=-1), entropy)
@@ -237,21 +244,16 @@ class _Networks:
     """Stacked networks that learn by Adam, and the target networks that follow them."""
 
     def __init__(self, shape: NetworkShape, seed: np.random.SeedSequence) -> None:
-        self.online, self.target = Parameters(shape), Parameters(shape)
+        self.online, self.target, gradient = Parameters(shape), Parameters(shape), Parameters(shape)
         initialise(self.online, seed.spawn(shape.robots))
         self.target.flat.copy_(self.online.flat)
-        self.learning = Layers(
-            [weight.detach() for weight in self.online.weights],
-            [bias.detach() for bias in self.online.biases],
-        )
-        """The memory of `online`, as autograd follows it."""
-        self._gradient = Parameters(shape)
-        self._leaves = [*self.learning.weights, *self.learning.biases]
-        self._gradients = [*self._gradient.weights, *self._gradient.biases]
+        self.learning, self.following = StackedNetworks(self.online), StackedNetworks(self.target)
+        """The same memory, as autograd follows it."""
+        self._leaves = [*self.learning.parameters[::2], *self.learning.parameters[1::2]]
         # Autograd sees the layers, and adds into views of one buffer; Adam sees the buffer.
-        for leaf, gradient in zip(self._leaves, self._gradients, strict=True):
-            leaf.requires_grad_().grad = gradient
-        self.online.flat.grad = self._gradient.flat
+        for leaf, view in zip(self._leaves, (*gradient.weights, *gradient.biases), strict=True):
+            leaf.grad = view
+        self.online.flat.grad = gradient.flat
         self._adam = torch.optim.Adam([self.online.flat], fused=True)
 
     def begin_with(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
@@ -264,15 +266,12 @@ class _Networks:
 
         A gradient longer than `most` is shortened to it first.
         """
-        self._gradient.flat.zero_()
+        self._adam.zero_grad(set_to_none=False)
         losses.sum().backward(inputs=self._leaves)  # type: ignore[no-untyped-call]
-        norms = torch.stack([one.square().sum(dim=(1, 2)) for one in self._gradients]).sum(dim=0).sqrt()
-        factors = (most / (norms + 1e-6)).clamp(max=1.0)[:, None, None]
-        for gradient in self._gradients:
-            gradient.mul_(factors)
+        norms = shorten_gradients(self._leaves, most)
         self._adam.param_groups[0]["lr"] = rate
         self._adam.step()
-        return float(norms.mean())
+        return norms.mean().item()
 
     def follow(self, tau: float) -> None:
         """Move the target networks toward the others by a share of `tau`."""
@@ -280,24 +279,12 @@ class _Networks:
 
     def state(self) -> dict[str, Tensor]:
         """Return copies of all that `restore` takes."""
-        held = {"online": self.online.flat, "target": self.target.flat}
-        moments = self._adam.state.get(self.online.flat, {})
-        held |= {f"adam.{name}": tensor for name, tensor in moments.items()}
-        return {name: tensor.clone() for name, tensor in held.items()}
+        return {**optimiser_state(self._adam), "target": self.target.flat.clone()}
 
     def restore(self, tensors: Mapping[str, Tensor]) -> None:
         """Take back what `state` returned; InputError when it belongs to networks of other shapes."""
-        for name, into in (("online", self.online.flat), ("target", self.target.flat)):
-            if tensors[name].shape != into.shape:
-                raise InputError(
-                    f"the networks of the checkpoint have {tensors[name].numel()} numbers, but must have "
-                    f"{into.numel()}."
-                )
-            into.copy_(tensors[name])
-        self._adam.state.clear()
-        moments = part(tensors, "adam.")
-        if moments:
-            self._adam.state[self.online.flat] = {name: one.clone() for name, one in moments.items()}
+        restore_optimiser(self._adam, tensors)
+        self.target.flat.copy_(tensors["target"])
 
 
 def straight_through(scores: Tensor) -> Tensor:
@@ -305,14 +292,6 @@ def straight_through(scores: Tensor) -> Tensor:
     soft = scores.softmax(dim=-1)
     hard = one_hot(scores.argmax(dim=-1), scores.shape[-1]).float()
     return hard + (soft - soft.detach())
-
-
-def _forward(layers: Layers, inputs: Tensor) -> Tensor:
-    """Return [networks, rows, outputs] of `inputs` [networks, rows, inputs], as autograd follows it."""
-    *hidden, last = zip(layers.weights, layers.biases, strict=True)
-    for weight, bias in hidden:
-        inputs = torch.baddbmm(bias, inputs, weight).relu()
-    return torch.baddbmm(last[1], inputs, last[0])
 
 
 def _of_team(observations: Tensor, actions: Tensor) -> Tensor:

@@ -21,16 +21,14 @@ from robosim.learning.algorithms.actor_critic import (
     Floats,
     Losses,
     OwnActorsConfig,
-    activated,
     advantages,
-    forward,
     log_chances,
     of_networks,
     own_actors,
-    shorten_gradients,
     standardised,
 )
 from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
+from robosim.learning.algorithms.stacked import by_robot, shorten_gradients
 from robosim.learning.networks import NetworkShape
 
 _SCALE_DECAY = 0.95
@@ -100,17 +98,20 @@ class Ppo(ActorCritic):
         self.scale.sums[...] = state.tensors["scale"].numpy()
 
     def _values(self, observation: Tensor) -> Tensor:
-        activation = self.config.activation
-        if self.config.critic == "own":
-            return forward(self.critic, observation, activation)[..., 0]
         team = observation.flatten(-2).unsqueeze(-2)
+        if self.config.critic == "own":
+            return self.critic.of_robots(observation)[..., 0]
         if not self.config.shares_parameters:
-            return forward(self.critic, team.expand(*observation.shape[:-1], -1), activation)[..., 0]
+            return self.critic.of_robots(team.expand(*observation.shape[:-1], -1))[..., 0]
         # What the first layer makes of the team is the same for all its robots: it is computed once.
-        weight, bias, *rest = self.critic
+        weight, bias, *_ = self.critic.parameters
         own, everybody = weight[:, : self.task.size], weight[0, self.task.size :]
-        first = forward((own, bias), observation, activation) + team @ everybody
-        return forward(rest, activated(first, activation), activation)[..., 0]
+        each = by_robot(observation)
+        robots, rows, size = each.shape
+        first = torch.baddbmm(bias, each.reshape(1, -1, size), own).reshape(robots, rows, -1)
+        sums = first + (team @ everybody).flatten(0, -2)
+        values = self.critic.from_first(sums.flatten(0, 1)[None]).reshape(robots, rows)
+        return values.T.reshape(observation.shape[:-1])
 
     def _learn(self, rollout: Experience) -> dict[str, float]:
         batch = self._prepared(rollout)
@@ -119,7 +120,8 @@ class Ppo(ActorCritic):
             losses, clipped = self._losses(part)
             self._descend(losses)
             norms = [
-                shorten_gradients(layers, self.config.gradient_norm) for layers in (self.actor, self.critic)
+                shorten_gradients(networks.parameters, self.config.gradient_norm)
+                for networks in (self.actor, self.critic)
             ]
             self._adam.step()
             figures.append((*(one.detach().mean() for one in losses), clipped, torch.stack(norms).mean()))

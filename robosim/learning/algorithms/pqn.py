@@ -17,14 +17,16 @@ from torch import Tensor
 
 from robosim.control.network import NetworkSpec
 from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
+from robosim.learning.algorithms.rollout import restored_rollout, rollout_state, stack_decisions
 from robosim.learning.algorithms.stacked import (
     StackedNetworks,
     by_robot,
     mask_blocked,
     optimiser_state,
     part,
+    prefixed,
     restore_optimiser,
-    shorten_each,
+    shorten_gradients,
 )
 from robosim.learning.algorithms.values import ValueConfig, epsilon_greedy
 from robosim.learning.computing import denormals_flushed
@@ -84,7 +86,7 @@ class Pqn:
         networks = 1 if config.shares_parameters else task.robots
         explore, shuffle, *each = seed.spawn(2 + networks)
         shape = NetworkShape(networks, task.size, config.hidden, task.num_actions)
-        self.networks = StackedNetworks(shape, config.normalisation, each)
+        self.networks = StackedNetworks.draw(shape, each, normalisation=config.normalisation)
         if start is not None:
             self.networks.load(start.weights)
         self._optimiser = torch.optim.RAdam(self.networks.parameters, foreach=True)
@@ -104,15 +106,15 @@ class Pqn:
         config = self.config
         if len(self._rollout) < config.rollout:
             return {}
-        rollout = Experience(*map(np.stack, zip(*self._rollout, strict=True)))
+        rollout = stack_decisions(self._rollout)
         self._rollout = []
         rate = config.learning_rate_at(progress)
         self._optimiser.param_groups[0]["lr"] = rate
-        observation = by_robot(rollout.observation)
-        action = by_robot(rollout.action[..., None])
+        observation = by_robot(torch.from_numpy(rollout.observation))
+        action = by_robot(torch.from_numpy(rollout.action[..., None]))
         losses, norms = [], []
         with denormals_flushed():
-            target = by_robot(self._targets(rollout)[..., None])[..., 0]
+            target = by_robot(torch.from_numpy(self._targets(rollout)[..., None]))[..., 0]
             decisions = observation.shape[1]
             for _ in range(config.epochs):
                 order = torch.from_numpy(self._shuffle.permutation(decisions))
@@ -124,7 +126,9 @@ class Pqn:
                     )
                     self._optimiser.zero_grad()
                     loss.sum().backward()  # type: ignore[no-untyped-call]
-                    norms.append(shorten_each(self.networks.parameters, config.gradient_norm))
+                    norms.append(
+                        shorten_gradients(self.networks.parameters, config.gradient_norm).mean().item()
+                    )
                     self._optimiser.step()
                     losses.append(loss.mean().item())
         return {
@@ -163,7 +167,7 @@ class Pqn:
 
     def _best(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the value of each robot's best open action, [envs, robots]."""
-        inputs = by_robot(observation)
+        inputs = by_robot(torch.from_numpy(observation))
         with torch.no_grad():
             values = mask_blocked(self.networks(inputs), inputs, self._gains)
             return values.amax(dim=2).T.numpy()
@@ -182,19 +186,14 @@ class Pqn:
         return Actors(spec, self.networks.to_numpy())
 
     def state(self) -> State:
-        tensors = {f"optimiser.{name}": one for name, one in optimiser_state(self._optimiser).items()}
-        if self._rollout:
-            stacked = Experience(*map(np.stack, zip(*self._rollout, strict=True)))
-            tensors |= {f"rollout.{n}": torch.from_numpy(array) for n, array in stacked._asdict().items()}
+        tensors = prefixed("optimiser.", optimiser_state(self._optimiser)) | rollout_state(self._rollout)
         generators = {"explore": self._explore, "shuffle": self._shuffle}
         return State(tensors, {name: rng.bit_generator.state for name, rng in generators.items()})
 
     def restore(self, state: State) -> None:
         tensors, facts = state
         restore_optimiser(self._optimiser, part(tensors, "optimiser."))
-        held = part(tensors, "rollout.")
-        decisions = zip(*(held[name].numpy() for name in Experience._fields), strict=True) if held else ()
-        self._rollout = [Experience(*decision) for decision in decisions]
+        self._rollout = restored_rollout(tensors)
         self._explore.bit_generator.state = facts["explore"]
         self._shuffle.bit_generator.state = facts["shuffle"]
 

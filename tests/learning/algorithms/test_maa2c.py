@@ -41,8 +41,8 @@ def test_combinations_are_chosen_kept_and_played_by_the_same_digits(robots):
     observation = rollout(0, robots=robots).observation[0]
     for number, digits in enumerate(product(range(5), repeat=robots)):
         with torch.no_grad():
-            algorithm.actor[-1].zero_()
-            algorithm.actor[-1][..., number] = 1e3
+            algorithm.actor.parameters[-1].zero_()
+            algorithm.actor.parameters[-1][..., number] = 1e3
         acted = algorithm.act(observation, 0.0)
         assert acted.tolist() == Networks(*algorithm.actors()).act(observation).tolist() == [list(digits)] * 3
         done = rollout(1, decisions=1, robots=robots)

@@ -268,7 +268,7 @@ def test_what_does_not_fit_is_one_sentence():
     state = build(SMALL.changed(hidden=(16, 9))).state()
     with pytest.raises(InputError) as caught:
         build().restore(state)
-    assert str(caught.value) == "the networks of the checkpoint have 993 numbers, but must have 927."
+    assert str(caught.value) == ("a layer of the checkpoint has the shape (993,), but must have (927,).")
     many = tuple(f"number {i}" for i in range(1000))
     with pytest.raises(InputError) as caught:
         build(SMALL.changed(replay_capacity=10**8), names=many, decisions=10**9)

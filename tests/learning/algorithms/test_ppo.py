@@ -36,7 +36,7 @@ class Plain:
         self.config, self.robots = config, 2
         self.actor, self.critic = (
             [one.detach().double().clone().requires_grad_() for one in layers]
-            for layers in (algorithm.actor, algorithm.critic)
+            for layers in (algorithm.actor.parameters, algorithm.critic.parameters)
         )
 
     def network(self, robot):
@@ -255,7 +255,7 @@ def test_gradients_of_actor_and_critic_are_shortened_network_by_network():
     algorithm = build(SMALL.changed(gradient_norm=1e-3))
     take_in(algorithm, rollout(4))
     assert algorithm.update(0.0)["gradient_norm"] > 1e-3
-    for layers in (algorithm.actor, algorithm.critic):
+    for layers in (algorithm.actor.parameters, algorithm.critic.parameters):
         squares = sum(one.grad.square().sum(dim=(1, 2)) for one in layers)
         np.testing.assert_allclose(squares.sqrt().numpy(), 1e-3, rtol=1e-2)
 

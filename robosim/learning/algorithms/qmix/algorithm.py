@@ -46,7 +46,7 @@ class Qmix:
         explore, draw, mixer, *each = seed.spawn(3 + networks)
         self._explore, self._draw = np.random.default_rng(explore), np.random.default_rng(draw)
         shape = NetworkShape(networks, task.size, config.hidden, task.num_actions)
-        self.networks = StackedNetworks(shape, config.normalisation, each)
+        self.networks = StackedNetworks.draw(shape, each, normalisation=config.normalisation)
         if start is not None:
             self.networks.load(start.weights)
         self.mixer = (
