@@ -1,16 +1,14 @@
-"""Rollouts of random numbers, for tests of algorithms that learn from what their present policy did."""
-
-import json
+"""Rollouts of random numbers, for tests of algorithms."""
 
 import numpy as np
 
-from robosim.learning.algorithms.protocol import Experience, State, Task
+from robosim.learning.algorithms.protocol import Experience, Task
 
 BLOCKABLE = tuple(f"gain {goal} {side}" for goal in ("home", "source") for side in "NSWE")
 
 
-def task(robots=2, names=tuple(f"number {i}" for i in range(7))):
-    return Task(robots, num_envs=3, names=names, num_actions=5, actions="cardinal", decisions=100)
+def task(robots=2, names=tuple(f"number {i}" for i in range(7)), num_actions=5, decisions=100):
+    return Task(robots, 3, names, num_actions, "cardinal", decisions)
 
 
 def build(config, seed=0, start=None, **changes):
@@ -27,37 +25,17 @@ def rollout(seed, decisions=4, envs=3, robots=2, size=7):
     return Experience(seen[0], rng.integers(5, size=shape), reward, seen[1], seen[2], ends == 1, ends == 2)
 
 
+def one_by_one(done):
+    """Return the decisions of experience [decisions, envs, ...]."""
+    return [Experience(*decision) for decision in zip(*done, strict=True)]
+
+
 def take_in(algorithm, done):
-    for decision in zip(*done, strict=True):
-        algorithm.observe(Experience(*decision))
+    for decision in one_by_one(done):
+        algorithm.observe(decision)
 
 
 def weights_of(algorithm):
     """Return copies of all weights, of actors and critics."""
     critic = {f"critic{i}": one.detach().numpy().copy() for i, one in enumerate(algorithm.critic.parameters)}
     return {**algorithm.actors().weights, **critic}
-
-
-def check_that_a_restored_one_goes_on_in_the_same_bits(config, decisions):
-    """One that restores what another saved after so many decisions acts and learns as that one does."""
-    whole, rest = (build(config, seed) for seed in (0, 7))
-    seen = rollout(1, decisions=decisions + 9)
-
-    def take(algorithms, step):
-        acted = [one.act(seen.observation[step], 0.5) for one in algorithms]
-        for one in algorithms:
-            np.testing.assert_array_equal(acted[0], acted[-1])
-            one.update(0.5)
-            one.observe(Experience(*(part[step] for part in seen))._replace(action=acted[0]))
-
-    for step in range(decisions):
-        take([whole], step)
-    tensors, facts = whole.state()
-    rest.restore(State(tensors, json.loads(json.dumps(facts))))
-    before = whole.actors().weights
-    for step in range(decisions, decisions + 9):
-        take([whole, rest], step)
-    after, again = weights_of(whole), weights_of(rest)
-    for name, array in after.items():
-        np.testing.assert_array_equal(array, again[name])
-        assert name not in before or not np.array_equal(array, before[name])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal, NamedTuple, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -17,8 +17,9 @@ from torch import Tensor
 
 from robosim.control.network import Activation, NetworkSpec, Output
 from robosim.errors import InputError, shown
-from robosim.learning.algorithms.protocol import Actors, AlgorithmConfig, Experience, State, Task
+from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
 from robosim.learning.algorithms.rollout import restored_rollout, rollout_state, stack_decisions
+from robosim.learning.algorithms.settings import MaskConfig, StepSize, Widths
 from robosim.learning.algorithms.stacked import (
     StackedNetworks,
     mask_blocked,
@@ -30,7 +31,6 @@ from robosim.learning.algorithms.stacked import (
 )
 from robosim.learning.computing import denormals_flushed
 from robosim.learning.networks import NetworkShape
-from robosim.records import Many
 
 Floats = NDArray[np.float32]
 
@@ -38,27 +38,20 @@ NEVER = -1e9
 """Logit of a blocked move: finite, so that its share of the entropy is 0 and not undefined."""
 
 
-class ActorCriticConfig(AlgorithmConfig):
+class ActorCriticConfig(MaskConfig):
     """Base of the configurations of actor-critics that learn from what their present policy did."""
 
     actor_kind: ClassVar[tuple[Literal["own", "team"], Output]] = ("own", "logits")
     """What goes into an actor, and what comes out, as in `NetworkSpec`."""
 
-    hidden: Many[Annotated[int, Field(ge=1, le=4096)]] = Field(default=(128, 128), min_length=1, max_length=8)
+    hidden: Widths = (128, 128)
     """Width of each hidden layer, of the actor and of the critic."""
     activation: Activation = "tanh"
     """Of the hidden layers."""
-    mask: bool = False
-    """Moves that end at a wall or lead away from both goals are not chosen, where actions are cardinal and
-    observations hold the gains of moves."""
     rollout: int = Field(default=16, ge=1, le=10_000)
     """Decisions of every environment in an update."""
-    learning_rate: float = Field(default=2e-3, ge=1e-8, le=1)
+    learning_rate: StepSize = 2e-3
     """Step size of Adam at the start."""
-    learning_rate_end: float = Field(default=0.02, ge=0, le=1)
-    """Share of the step size that is left at the end; it falls linearly. 1 keeps it."""
-    discount: float = Field(default=0.95, ge=0, le=0.99999)
-    """Gamma: what a reward one decision later is worth."""
     gae_lambda: float = Field(default=0.95, ge=0, le=1)
     """How far advantages trust rewards before the critic: 0 one decision, 1 to the end of the rollout."""
     entropy_weight: float = Field(default=0.1, ge=0, le=100)
@@ -67,8 +60,6 @@ class ActorCriticConfig(AlgorithmConfig):
     """Of the critic's error."""
     gradient_norm: float = Field(default=0.5, ge=1e-6, le=1e6)
     """Most that the gradient of a robot's networks may measure; longer ones are shortened."""
-    reward_scale: float = Field(default=0.1, ge=1e-6, le=1e6)
-    """Factor on rewards before learning."""
 
     def starting_from(self, spec: NetworkSpec) -> Self:
         """Return this configuration with the mask of `spec`."""
@@ -154,7 +145,7 @@ class ActorCritic(ABC):
             return {}
         rollout = stack_decisions(self._rollout)
         self._rollout, self._stale = [], True
-        rate = config.learning_rate * (1.0 + (config.learning_rate_end - 1.0) * min(1.0, progress))
+        rate = config.learning_rate_at(progress)
         self._adam.param_groups[0]["lr"] = rate
         with denormals_flushed():
             figures = self._learn(rollout)
@@ -251,15 +242,7 @@ class Losses(NamedTuple):
 
 def own_actors(config: OwnActorsConfig, task: Task) -> NetworkSpec:
     """Return what actors are that see a robot's own observation."""
-    return NetworkSpec(
-        inputs=task.size,
-        hidden=config.hidden,
-        activation=config.activation,
-        mask=config.mask and task.gains is not None,
-        output="logits",
-        actions=task.num_actions,
-        of_robot=(0,) * task.robots if config.shares_parameters else tuple(range(task.robots)),
-    )
+    return config.own_networks(task, "logits").changed(activation=config.activation)
 
 
 def drawn(logits: Floats, rng: np.random.Generator) -> NDArray[np.int64]:

@@ -17,6 +17,7 @@ from robosim.control.network import MOST_OUTPUTS, NetworkSpec, blocked_combinati
 from robosim.discretise.observation import blocked_moves
 from robosim.errors import InputError
 from robosim.learning.algorithms.actor_critic import NEVER, ActorCriticConfig, AdvantageActorCritic, Floats
+from robosim.learning.algorithms.joint import as_one, experience_as_one, split_actions
 from robosim.learning.algorithms.protocol import Actors, Experience, Task
 
 
@@ -58,20 +59,10 @@ class MaA2c(AdvantageActorCritic):
         self._digits = (task.num_actions,) * task.robots
 
     def act(self, observation: Floats, progress: float) -> NDArray[np.int64]:
-        chosen = super().act(_as_one(observation), progress)[:, 0]
-        return np.stack(np.unravel_index(chosen, self._digits), axis=-1)
+        return split_actions(super().act(as_one(observation), progress)[:, 0], self._digits)
 
     def observe(self, experience: Experience) -> None:
-        joint = np.ravel_multi_index(tuple(np.moveaxis(experience.action, -1, 0)), self._digits)
-        super().observe(
-            experience._replace(
-                observation=_as_one(experience.observation),
-                action=np.asarray(joint, np.int64)[:, None],
-                reward=experience.reward.mean(axis=1, keepdims=True),
-                final_observation=_as_one(experience.final_observation),
-                next_observation=_as_one(experience.next_observation),
-            )
-        )
+        super().observe(experience_as_one(experience, self._digits))
 
     def _masked(self, logits: Tensor, observation: Tensor) -> Tensor:
         if self._gains is None:
@@ -79,11 +70,6 @@ class MaA2c(AdvantageActorCritic):
         each = observation.reshape(*observation.shape[:-1], self.task.robots, self.task.size)
         blocked = blocked_combinations(blocked_moves(each, self._gains).numpy(), self.task.num_actions)
         return logits.masked_fill(torch.from_numpy(blocked), NEVER)
-
-
-def _as_one(observation: Floats) -> Floats:
-    """Return [envs, 1, robots * size] of observations [envs, robots, size]."""
-    return observation.reshape(len(observation), 1, -1)
 
 
 def _require_few(task: Task) -> None:

@@ -7,8 +7,8 @@ batched product a layer.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Annotated, Literal, NamedTuple, Self
+from collections.abc import Mapping
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -21,46 +21,34 @@ from robosim.control.network import NetworkSpec
 from robosim.discretise.observation import mask_blocked_moves
 from robosim.errors import InputError, shown
 from robosim.learning.algorithms.actor_critic import drawn
-from robosim.learning.algorithms.dqn.replay import Batch, Replay
-from robosim.learning.algorithms.dqn.returns import MultiStepReturns
-from robosim.learning.algorithms.protocol import Actors, AlgorithmConfig, Experience, State, Task
+from robosim.learning.algorithms.dqn.replay import Batch
+from robosim.learning.algorithms.memory import JointReplay
+from robosim.learning.algorithms.protocol import Actors, State, Task
+from robosim.learning.algorithms.settings import MaskConfig, ReplayConfig, Widths
 from robosim.learning.algorithms.stacked import (
     StackedNetworks,
     mask_blocked,
     optimiser_state,
     part,
+    prefixed,
     restore_optimiser,
     shorten_gradients,
 )
 from robosim.learning.computing import denormals_flushed
 from robosim.learning.networks import ActionValues, NetworkShape, Parameters, initialise
-from robosim.records import Many
 
 
-class MaddpgConfig(AlgorithmConfig):
+class MaddpgConfig(MaskConfig, ReplayConfig):
     """MADDPG with discrete actions."""
 
     name: Literal["maddpg"] = "maddpg"
     """Of the algorithm."""
-    hidden: Many[Annotated[int, Field(ge=1, le=4096)]] = Field(default=(128, 128), min_length=1, max_length=8)
+    hidden: Widths = (128, 128)
     """Width of each hidden layer, of the actors and of the critics."""
-    mask: bool = False
-    """Moves that end at a wall or lead away from both goals are not chosen, where actions are cardinal and
-    observations hold the gains of moves."""
-    learning_rate: float = Field(default=1e-3, ge=1e-8, le=1)
-    """Step size of Adam at the start."""
-    learning_rate_end: float = Field(default=0.02, ge=0, le=1)
-    """Share of the step size that is left at the end; it falls linearly. 1 keeps it."""
-    discount: float = Field(default=0.95, ge=0, le=0.99999)
-    """Gamma: what a reward one decision later is worth."""
     return_steps: int = Field(default=1, ge=1, le=1000)
     """Decisions whose rewards are summed before the estimate of what follows takes over."""
     batch_size: int = Field(default=256, ge=1, le=65_536)
     """Joint transitions in an update; all robots learn from the same moments."""
-    replay_capacity: int = Field(default=100_000, ge=1, le=10**8)
-    """Joint transitions kept; the oldest go first."""
-    warmup: int = Field(default=1000, ge=0, le=10**10)
-    """Joint decisions before the first update."""
     updates_per_step: float = Field(default=0.1, ge=0, le=1000)
     """Updates per joint decision."""
     tau: float = Field(default=0.01, gt=0, le=1)
@@ -69,8 +57,6 @@ class MaddpgConfig(AlgorithmConfig):
     """Of the mean squared logit in an actor's loss, which keeps it from choosing the same for ever."""
     gradient_norm: float = Field(default=10.0, ge=1e-6, le=1e6)
     """Most that the gradient of an actor or a critic may measure; longer ones are shortened."""
-    reward_scale: float = Field(default=0.1, ge=1e-6, le=1e6)
-    """Factor on rewards before learning."""
 
     def starting_from(self, spec: NetworkSpec) -> Self:
         """Return this configuration with the mask of `spec`."""
@@ -89,7 +75,7 @@ class MaddpgConfig(AlgorithmConfig):
         return Maddpg(self, task, seed, start)
 
 
-class Maddpg:
+class Maddpg(JointReplay):
     """Actors and critics of the robots that learn; has a `LargeMemory`, its replay of joint transitions."""
 
     def __init__(
@@ -99,86 +85,44 @@ class Maddpg:
 
         InputError when the replay exceeds the memory, or `start` does not fit.
         """
-        self.config, self.task = config, task
+        choose, draw, actors, critics = seed.spawn(4)
+        super().__init__(config, task, choose, draw)
+        self.config = config
         self._gains = task.gains if config.mask else None
         robots, size, actions = task.robots, task.size, task.num_actions
-        choose, draw, actors, critics = seed.spawn(4)
-        self._choose, self._draw = np.random.default_rng(choose), np.random.default_rng(draw)
         team = robots * (size + actions)
         self.actor = _Networks(NetworkShape(robots, size, config.hidden, actions), actors)
         self.critic = _Networks(NetworkShape(robots, team, config.hidden, 1), critics)
         if start is not None:
             self.actor.begin_with(start.weights)
         self._act = ActionValues(self.actor.online)
-        self.replay = _make_replay(config, task)
-        self._returns = MultiStepReturns(config.return_steps, config.discount)
-        self._batch = Batch.reserve(robots, config.batch_size, size)
         self._own = torch.eye(robots, dtype=torch.bool)[:, None, :, None]
         """[critic, 1, robot, 1] where the action is that of the critic's own robot."""
-        self._decisions = self._updates = 0
 
     def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
         logits = mask_blocked_moves(self._act(observation), observation, self._gains)
         return drawn(logits, self._choose)
 
-    def observe(self, experience: Experience) -> None:
-        self._decisions += len(experience.reward)
-        complete = self._returns.add(experience)
-        if complete is not None:
-            self.replay.add(*complete)
-
     def update(self, progress: float) -> dict[str, float]:
-        config = self.config
-        rate = config.learning_rate * (1.0 + (config.learning_rate_end - 1.0) * min(1.0, progress))
-        due = int(max(0, self._decisions - config.warmup) * config.updates_per_step)
+        rate = self.config.learning_rate_at(progress)
         figures: dict[str, float] = {}
-        while self.replay.length and self._updates < due:
-            self.replay.sample(self._draw, self._batch, together=True)
+        while self._is_due():
             with denormals_flushed():
-                figures = self._learn(self._batch, rate)
-            self._updates += 1
+                figures = self._learn(self._next_batch(), rate)
         return figures
 
     def actors(self) -> Actors:
-        spec = NetworkSpec(
-            inputs=self.task.size,
-            hidden=self.config.hidden,
-            mask=self._gains is not None,
-            output="logits",
-            actions=self.task.num_actions,
-            of_robot=tuple(range(self.task.robots)),
-        )
-        return Actors(spec, self.actor.online.to_numpy())
+        return Actors(self.config.own_networks(self.task, "logits"), self.actor.online.to_numpy())
 
     def state(self) -> State:
-        tensors = {f"actor.{name}": tensor for name, tensor in self.actor.state().items()}
-        tensors |= {f"critic.{name}": tensor for name, tensor in self.critic.state().items()}
-        tensors |= {f"open.{name}": torch.from_numpy(a) for name, a in self._returns.state().items()}
-        facts = {
-            "decisions": self._decisions,
-            "updates": self._updates,
-            "choose": self._choose.bit_generator.state,
-            "draw": self._draw.bit_generator.state,
-        }
-        return State(tensors, facts)
+        tensors, facts = super().state()
+        networks = prefixed("actor.", self.actor.state()) | prefixed("critic.", self.critic.state())
+        return State({**tensors, **networks}, facts)
 
     def restore(self, state: State) -> None:
-        tensors, facts = state
-        self.actor.restore(part(tensors, "actor."))
-        self.critic.restore(part(tensors, "critic."))
-        self._returns.restore({name: tensor.numpy() for name, tensor in part(tensors, "open.").items()})
-        self._decisions, self._updates = int(facts["decisions"]), int(facts["updates"])
-        self._choose.bit_generator.state = facts["choose"]
-        self._draw.bit_generator.state = facts["draw"]
-
-    def held(self) -> tuple[int, int]:
-        return self.replay.added - self.replay.length, self.replay.added
-
-    def export(self, first: int, last: int) -> dict[str, Tensor]:
-        return self.replay.export(first, last)
-
-    def recall(self, first: int, parts: Iterable[Mapping[str, Tensor]]) -> None:
-        self.replay.restore(first, parts)
+        super().restore(state)
+        self.actor.restore(part(state.tensors, "actor."))
+        self.critic.restore(part(state.tensors, "critic."))
 
     def _learn(self, batch: Batch, rate: float) -> dict[str, float]:
         """Make a step of every critic, then one of every actor, and let the target networks follow."""
@@ -301,15 +245,3 @@ def _of_team(observations: Tensor, actions: Tensor) -> Tensor:
     """
     each = torch.cat((observations, actions), dim=2)
     return each.transpose(0, 1).flatten(1).expand(len(each), -1, -1)
-
-
-def _make_replay(config: MaddpgConfig, task: Task) -> Replay:
-    # More room than there are decisions would be reserved in vain.
-    capacity = max(min(config.replay_capacity, task.decisions + task.num_envs), task.num_envs)
-    try:
-        return Replay(task.robots, capacity, task.size)
-    except (RuntimeError, MemoryError) as error:
-        raise InputError(
-            f"replay_capacity is {config.replay_capacity}, but must be less: {task.robots} robots with "
-            f"observations of {task.size} numbers need more memory than there is."
-        ) from error

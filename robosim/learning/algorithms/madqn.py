@@ -7,21 +7,20 @@ an update of eight costs hundreds of times one of three. docs/algorithms.md has 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from robosim.control.network import MOST_OUTPUTS, NetworkSpec
 from robosim.errors import InputError, shown
 from robosim.learning.algorithms.dqn.algorithm import DoubleDqn
-from robosim.learning.algorithms.dqn.config import DqnConfig, ReplayConfig
-from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
+from robosim.learning.algorithms.dqn.config import DoubleQConfig, DqnConfig
+from robosim.learning.algorithms.joint import as_one, experience_as_one, split_actions
+from robosim.learning.algorithms.protocol import Actors, Experience, Task
 
 
-class MadqnConfig(ReplayConfig):
+class MadqnConfig(DoubleQConfig):
     """Joint-action Double DQN: one network chooses for all robots, and learns from their mean reward."""
 
     name: Literal["madqn"] = "madqn"
@@ -45,11 +44,8 @@ class MadqnConfig(ReplayConfig):
         return JointDqn(self, task, seed, start)
 
 
-class JointDqn:
-    """A team that learns as one robot with the observations of all and every combination of their actions.
-
-    It has a `LargeMemory`, the replay.
-    """
+class JointDqn(DoubleDqn):
+    """A team that learns as one robot with the observations of all and every combination of their actions."""
 
     def __init__(
         self, config: MadqnConfig, task: Task, seed: np.random.SeedSequence, start: Actors | None = None
@@ -62,7 +58,6 @@ class JointDqn:
                 f'algorithm "madqn": its network has an output for each of the {task.num_actions} ** '
                 f"{task.robots} combinations of the robots' actions."
             )
-        self.task = task
         self._digits = (task.num_actions,) * task.robots
         team = Task(
             robots=1,
@@ -73,68 +68,27 @@ class JointDqn:
             decisions=task.decisions,
             explores=task.explores,
         )
-        common = {name: getattr(config, name) for name in ReplayConfig.model_fields if name != "name"}
-        self._team = DoubleDqn(DqnConfig(**common), team, seed, start)
+        common = {name: getattr(config, name) for name in DoubleQConfig.model_fields if name != "name"}
+        super().__init__(DqnConfig(**common), team, seed, start)
 
     def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
-        combination = self._team.act(_as_one(observation), progress)[:, 0]
+        combination = super().act(as_one(observation), progress)[:, 0]
         return split_actions(combination, self._digits)
 
     def observe(self, experience: Experience) -> None:
-        self._team.observe(
-            experience._replace(
-                observation=_as_one(experience.observation),
-                action=combine_actions(experience.action, self._digits)[:, None],
-                reward=experience.reward.mean(axis=1, keepdims=True),
-                final_observation=_as_one(experience.final_observation),
-                next_observation=_as_one(experience.next_observation),
-            )
-        )
-
-    def update(self, progress: float) -> dict[str, float]:
-        return self._team.update(progress)
+        super().observe(experience_as_one(experience, self._digits))
 
     def actors(self) -> Actors:
-        learner, task = self._team.learner, self.task
+        actions, *_ = self._digits
         spec = NetworkSpec(
             input="team",
-            inputs=learner.shape.inputs,
-            hidden=learner.shape.hidden,
+            inputs=self.task.size,
+            hidden=self.config.hidden,
             output="joint action values",
-            actions=task.num_actions,
-            of_robot=(0,) * task.robots,
+            actions=actions,
+            of_robot=(0,) * len(self._digits),
         )
-        return Actors(spec, learner.parameters.to_numpy())
-
-    def state(self) -> State:
-        return self._team.state()
-
-    def restore(self, state: State) -> None:
-        self._team.restore(state)
-
-    def held(self) -> tuple[int, int]:
-        return self._team.held()
-
-    def export(self, first: int, last: int) -> dict[str, Tensor]:
-        return self._team.export(first, last)
-
-    def recall(self, first: int, parts: Iterable[Mapping[str, Tensor]]) -> None:
-        self._team.recall(first, parts)
-
-
-def combine_actions(actions: NDArray[np.int64], digits: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return the number [...] of each combination of actions [..., robots], robot 0's the first digit."""
-    return np.asarray(np.ravel_multi_index(tuple(np.moveaxis(actions, -1, 0)), digits), np.int64)
-
-
-def split_actions(combination: NDArray[np.int64], digits: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return the actions [..., robots] of which `combine_actions` makes `combination` [...]."""
-    return np.stack(np.unravel_index(combination, digits), axis=-1)
-
-
-def _as_one(observation: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return [envs, robots, size] as [envs, 1, robots * size]."""
-    return observation.reshape(len(observation), 1, -1)
+        return Actors(spec, self.learner.parameters.to_numpy())
 
 
 def _most_robots(num_actions: int) -> int:

@@ -28,6 +28,7 @@ from robosim.learning.algorithms.actor_critic import (
     standardised,
 )
 from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
+from robosim.learning.algorithms.settings import StepSize
 from robosim.learning.algorithms.stacked import by_robot, shorten_gradients
 from robosim.learning.networks import NetworkShape
 
@@ -44,7 +45,7 @@ class PpoConfig(OwnActorsConfig):
     """Of the algorithm."""
     rollout: int = Field(default=32, ge=1, le=10_000)
     """Decisions of every environment in an update."""
-    learning_rate: float = Field(default=3e-3, ge=1e-8, le=1)
+    learning_rate: StepSize = 3e-3
     """Step size of Adam at the start."""
     entropy_weight: float = Field(default=0.05, ge=0, le=100)
     """Of the entropy of what the actor chooses, which keeps it trying."""

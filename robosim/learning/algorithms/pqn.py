@@ -7,7 +7,7 @@ value decomposition (VDN, Sunehag 2018): the sum of the robots' values learns fr
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 import torch
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from robosim.control.network import NetworkSpec
 from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
 from robosim.learning.algorithms.rollout import restored_rollout, rollout_state, stack_decisions
+from robosim.learning.algorithms.settings import StepSize
 from robosim.learning.algorithms.stacked import (
     StackedNetworks,
     by_robot,
@@ -28,28 +28,23 @@ from robosim.learning.algorithms.stacked import (
     restore_optimiser,
     shorten_gradients,
 )
-from robosim.learning.algorithms.values import ValueConfig, epsilon_greedy
+from robosim.learning.algorithms.values import OwnValuesConfig, epsilon_greedy
 from robosim.learning.computing import denormals_flushed
 from robosim.learning.networks import NetworkShape
 
 
-class PqnConfig(ValueConfig):
+class PqnConfig(OwnValuesConfig):
     """Parallelised Q-network (Gallici 2025)."""
 
     name: Literal["pqn"] = "pqn"
     """Of the algorithm."""
-    parameters: Literal["own", "shared"] = "own"
-    """Each robot has a network of its own, or all act by one, which learns from what each of them does."""
     mixer: Literal["none", "sum"] = "none"
     """`none`: each robot's value learns from its own reward. `sum`: the sum of the robots' values learns from
     their mean reward (VDN, Sunehag 2018)."""
     normalisation: Literal["none", "rms", "layer"] = "layer"
     """`layer`: hidden layers are brought to mean 0 and variance 1 before ReLU; `rms`: they are divided by
     their root mean square after it."""
-    mask: bool = False
-    """Moves that end at a wall or lead away from both goals are not chosen, where actions are cardinal and
-    observations hold the gains of moves."""
-    learning_rate: float = Field(default=5e-4, ge=1e-8, le=1)
+    learning_rate: StepSize = 5e-4
     """Step size of RAdam at the start."""
     q_lambda: float = Field(default=0.5, ge=0, le=1)
     """How far targets trust rewards before the network: 0 one decision, 1 to the end of the rollout."""
@@ -61,15 +56,6 @@ class PqnConfig(ValueConfig):
     """Parts of a rollout, drawn anew in each epoch, with a step each."""
     gradient_norm: float = Field(default=1.0, ge=1e-6, le=1e6)
     """Most that the gradient of a network may measure; longer ones are shortened."""
-
-    @property
-    def shares_parameters(self) -> bool:
-        return self.parameters == "shared"
-
-    def starting_from(self, spec: NetworkSpec) -> Self:
-        """Return this configuration with the normalisation and the mask of `spec`."""
-        self.require_action_values(spec)
-        return self.changed(normalisation=spec.normalisation, mask=spec.mask)
 
     def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> Pqn:
         return Pqn(self, task, seed, start)
@@ -173,17 +159,7 @@ class Pqn:
             return values.amax(dim=2).T.numpy()
 
     def actors(self) -> Actors:
-        config, task = self.config, self.task
-        spec = NetworkSpec(
-            inputs=task.size,
-            hidden=config.hidden,
-            normalisation=config.normalisation,
-            mask=self._gains is not None,
-            output="action values",
-            actions=task.num_actions,
-            of_robot=(0,) * task.robots if config.shares_parameters else tuple(range(task.robots)),
-        )
-        return Actors(spec, self.networks.to_numpy())
+        return Actors(self.config.value_networks(self.task), self.networks.to_numpy())
 
     def state(self) -> State:
         tensors = prefixed("optimiser.", optimiser_state(self._optimiser)) | rollout_state(self._rollout)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Self, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,23 +12,13 @@ from pydantic import Field, model_validator
 from robosim.control.network import NetworkSpec
 from robosim.discretise.observation import MoveGains, mask_blocked_moves
 from robosim.errors import InputError, shown
-from robosim.learning.algorithms.protocol import AlgorithmConfig
-from robosim.records import Many
+from robosim.learning.algorithms.protocol import Task
+from robosim.learning.algorithms.settings import LearnerConfig, MaskConfig
 
 
-class ValueConfig(AlgorithmConfig):
+class ValueConfig(LearnerConfig):
     """Base of the configurations of algorithms that learn action values and explore by random actions."""
 
-    hidden: Many[Annotated[int, Field(ge=1, le=4096)]] = Field(
-        default=(128, 128, 128), min_length=1, max_length=8
-    )
-    """Width of each hidden layer."""
-    learning_rate: float = Field(default=1e-3, ge=1e-8, le=1)
-    """Step size of Adam at the start."""
-    learning_rate_end: float = Field(default=0.02, ge=0, le=1)
-    """Share of the step size that is left at the end; it falls linearly. 1 keeps it."""
-    discount: float = Field(default=0.95, ge=0, le=0.99999)
-    """Gamma: what a reward one decision later is worth."""
     epsilon_start: float = Field(default=1.0, ge=0, le=1)
     """Share of random actions at the start."""
     epsilon_end: float = Field(default=0.02, ge=0, le=1)
@@ -37,8 +27,6 @@ class ValueConfig(AlgorithmConfig):
     """How much less further environments explore: the i-th of n by epsilon ** (1 + spread * i / (n - 1))."""
     exploration: float = Field(default=0.1, ge=0, le=1)
     """Share of a stage over which the share of random actions falls."""
-    reward_scale: float = Field(default=0.1, ge=1e-6, le=1e6)
-    """Factor on rewards before learning."""
 
     @model_validator(mode="after")
     def _check_epsilon(self) -> Self:
@@ -62,10 +50,6 @@ class ValueConfig(AlgorithmConfig):
         """
         place = np.arange(num_envs) / max(1, num_envs - 1)
         return np.asarray(epsilon ** (1.0 + self.epsilon_spread * place))
-
-    def learning_rate_at(self, progress: float) -> float:
-        """Return the step size at `progress` (0 to 1) of a stage: it falls linearly."""
-        return self.learning_rate * (1.0 + (self.learning_rate_end - 1.0) * min(1.0, progress))
 
     def require_action_values(self, spec: NetworkSpec) -> None:
         """Raise InputError, a sentence that begins with "has", unless `spec` maps own observations to values.
@@ -93,6 +77,33 @@ class ValueConfig(AlgorithmConfig):
                 f"has layers with normalisation {shown(spec.normalisation)}, but must have "
                 f"{' or '.join(map(shown, kinds))} for the algorithm {shown(self.name)}."
             )
+
+
+class OwnValuesConfig(MaskConfig, ValueConfig):
+    """Base of those whose robots act each by the values of its own observation."""
+
+    parameters: Literal["own", "shared"] = "own"
+    """Each robot has a network of its own, or all act by one, which learns from what each of them does
+    (Gupta 2017)."""
+    normalisation: Literal["none", "rms", "layer"] = "none"
+    """`layer`: hidden layers are brought to mean 0 and variance 1 before ReLU; `rms`: they are divided by
+    their root mean square after it."""
+
+    @property
+    def shares_parameters(self) -> bool:
+        return self.parameters == "shared"
+
+    def starting_from(self, spec: NetworkSpec) -> Self:
+        """Return this configuration with the layers and the mask of `spec`.
+
+        Networks that learned with normalised layers or behind a mask know nothing of acting without.
+        """
+        self.require_action_values(spec)
+        return self.changed(normalisation=spec.normalisation, mask=spec.mask)
+
+    def value_networks(self, task: Task) -> NetworkSpec:
+        """Return what the robots' networks are."""
+        return self.own_networks(task, "action values").changed(normalisation=self.normalisation)
 
 
 def epsilon_greedy(

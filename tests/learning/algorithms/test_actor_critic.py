@@ -9,7 +9,8 @@ from robosim.learning.algorithms.actor_critic import advantages
 from robosim.learning.algorithms.ia2c import Ia2cConfig
 from robosim.learning.algorithms.maa2c import MaA2cConfig
 from robosim.learning.algorithms.ppo import PpoConfig
-from tests.learning.rollouts import build, check_that_a_restored_one_goes_on_in_the_same_bits, rollout
+from tests.learning.algorithms.resuming import check_that_a_restored_one_goes_on_in_the_same_bits
+from tests.learning.rollouts import build, rollout
 from tests.learning.walking import loop_in
 
 SMALL = {"hidden": (16, 8), "rollout": 4}
@@ -52,7 +53,7 @@ def test_the_decision_under_way_at_an_update_is_left_out(corridor, config):
 @pytest.mark.parametrize("config", KINDS)
 @pytest.mark.parametrize("decisions", [3, 4, 5, 14])
 def test_a_restored_one_goes_on_in_the_same_bits(config, decisions):
-    check_that_a_restored_one_goes_on_in_the_same_bits(config, decisions)
+    check_that_a_restored_one_goes_on_in_the_same_bits(build(config), build(config, 7), decisions)
 
 
 @pytest.mark.parametrize("config", KINDS)

@@ -1,4 +1,3 @@
-import json
 from itertools import pairwise
 
 import numpy as np
@@ -8,36 +7,25 @@ import torch
 from robosim.control.network import Networks, NetworkSpec
 from robosim.errors import InputError
 from robosim.learning.algorithms.maddpg import MaddpgConfig, straight_through
-from robosim.learning.algorithms.protocol import Experience, LargeMemory, State, Task
+from robosim.learning.algorithms.protocol import LargeMemory
+from tests.learning import rollouts
+from tests.learning.algorithms.resuming import check_that_a_restored_one_goes_on_in_the_same_bits
 from tests.learning.plain import plain_networks
+from tests.learning.rollouts import BLOCKABLE, one_by_one, rollout, take_in
 from tests.learning.walking import deliveries, learned
 
 SMALL = MaddpgConfig(
     hidden=(16, 8), warmup=4, batch_size=6, replay_capacity=50, updates_per_step=1.0, learning_rate_end=1.0
 )
-BLOCKABLE = tuple(f"gain {goal} {side}" for goal in ("home", "source") for side in "NSWE")
 
 
-def task(robots=3, names=tuple(f"number {i}" for i in range(7)), decisions=100):
-    return Task(robots, num_envs=3, names=names, num_actions=5, actions="cardinal", decisions=decisions)
-
-
-def build(config=SMALL, seed=0, **changes):
-    return config.build(task(**changes), np.random.SeedSequence(seed))
-
-
-def decision(rng, robots=3, envs=3, size=7):
-    seen = rng.random((3, envs, robots, size), np.float32)
-    reward = rng.normal(size=(envs, robots)).astype(np.float32)
-    ends = rng.choice(3, size=envs, p=[0.6, 0.2, 0.2])
-    action = rng.integers(5, size=(envs, robots))
-    return Experience(seen[0], action, reward, seen[1], seen[2], ends == 1, ends == 2)
+def build(config=SMALL, seed=0, start=None, robots=3, **changes):
+    return rollouts.build(config, seed, start, robots=robots, **changes)
 
 
 def filled(config=SMALL, seed=0, decisions=12, **changes):
-    algorithm, rng = build(config, seed, **changes), np.random.default_rng(5)
-    for _ in range(decisions):
-        algorithm.observe(decision(rng, algorithm.task.robots, size=algorithm.task.size))
+    algorithm = build(config, seed, **changes)
+    take_in(algorithm, rollout(5, decisions, robots=algorithm.task.robots, size=algorithm.task.size))
     return algorithm
 
 
@@ -110,7 +98,7 @@ def test_updates_equal_plain_maddpg_one_robot_at_a_time(most):
                 for mine, theirs in zip(stacked, plain[name], strict=True):
                     for one, other in zip(mine.parameters(), theirs.parameters(), strict=True):
                         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
-    assert ours._updates == 4
+    assert ours.updates == 4
 
 
 def test_a_draw_is_one_hot_and_has_the_gradient_of_the_softmax():
@@ -137,12 +125,10 @@ def test_what_one_robot_is_paid_reaches_its_own_critic_and_actor_alone_at_first(
     """Later it reaches the others through what it does, which their critics see."""
     teams = []
     for factor in (1.0, 50.0):
-        algorithm, rng = build(SMALL.changed(updates_per_step=1 / 32)), np.random.default_rng(5)
-        for _ in range(12):
-            done = decision(rng)
-            algorithm.observe(done._replace(reward=done.reward * np.float32([1.0, 1.0, factor])))
+        algorithm, done = build(SMALL.changed(updates_per_step=1 / 32)), rollout(5, 12, robots=3)
+        take_in(algorithm, done._replace(reward=done.reward * np.float32([1.0, 1.0, factor])))
         assert algorithm.update(0.5)
-        assert algorithm._updates == 1
+        assert algorithm.updates == 1
         critics = {f"critic.{name}": one.numpy() for name, one in algorithm.critic.online.named().items()}
         teams.append(algorithm.actors().weights | critics)
     for name, array in teams[0].items():
@@ -185,15 +171,11 @@ def test_blocked_moves_are_never_drawn_nor_taken_by_targets():
 
 
 def test_updates_are_as_many_as_are_due():
-    algorithm, rng, counts = (
-        build(SMALL.changed(updates_per_step=0.25, warmup=6)),
-        np.random.default_rng(0),
-        [],
-    )
-    for _ in range(7):
-        assert bool(algorithm.update(0.0)) == (algorithm._updates > (counts or [0])[-1])
-        counts.append(algorithm._updates)
-        algorithm.observe(decision(rng))
+    algorithm, counts = build(SMALL.changed(updates_per_step=0.25, warmup=6)), []
+    for decision in one_by_one(rollout(0, 7, robots=3)):
+        assert bool(algorithm.update(0.0)) == (algorithm.updates > (counts or [0])[-1])
+        counts.append(algorithm.updates)
+        algorithm.observe(decision)
     assert counts == [0, 0, 0, 0, 1, 2, 3]
 
 
@@ -201,34 +183,9 @@ def test_updates_are_as_many_as_are_due():
 @pytest.mark.parametrize("return_steps", [1, 3])
 def test_it_goes_on_in_the_same_bits(decisions, return_steps):
     config = SMALL.changed(return_steps=return_steps)
-    whole, rest, rng = build(config), build(config, seed=7), np.random.default_rng(1)
+    whole, rest = build(config), build(config, seed=7)
     assert isinstance(whole, LargeMemory)
-
-    def take(algorithms):
-        done = decision(rng)
-        acted = [one.act(done.observation, 0.5) for one in algorithms]
-        figures = [one.update(0.5) for one in algorithms]
-        for one in algorithms:
-            one.observe(done._replace(action=acted[0]))
-        np.testing.assert_array_equal(acted[0], acted[-1])
-        assert figures[0] == figures[-1]
-
-    for _ in range(decisions):
-        take([whole])
-    tensors, facts = whole.state()
-    first, last = whole.held()
-    middle = (first + last) // 2
-    rest.restore(State(tensors, json.loads(json.dumps(facts))))
-    rest.recall(first, [whole.export(first, middle), whole.export(middle, last)])
-    before = whole.actors().weights
-    for _ in range(9):
-        take([whole, rest])
-    after, again = whole.actors().weights, rest.actors().weights
-    for name, array in after.items():
-        np.testing.assert_array_equal(array, again[name])
-        assert not np.array_equal(array, before[name])
-    for name, tensor in whole.state().tensors.items():
-        assert torch.equal(tensor, rest.state().tensors[name]), name
+    check_that_a_restored_one_goes_on_in_the_same_bits(whole, rest, decisions)
 
 
 def test_the_policy_is_what_the_actors_compute():
@@ -250,7 +207,7 @@ def test_it_starts_from_actors_of_its_own_kind():
     first = build().actors()
     # Arrays go by their names: files keep them in another order.
     start = first._replace(weights=dict(sorted(first.weights.items())))
-    second = SMALL.starting_from(first.spec).build(task(), np.random.SeedSequence(1), start)
+    second = build(SMALL.starting_from(first.spec), 1, start)
     for name, array in second.actors().weights.items():
         np.testing.assert_array_equal(array, first.weights[name])
     assert torch.equal(second.actor.target.flat, second.actor.online.flat)

@@ -1,28 +1,15 @@
-import itertools
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robosim.control.network import Networks
 from robosim.errors import InputError
-from robosim.learning.algorithms.madqn import MadqnConfig, combine_actions, split_actions
-from robosim.learning.algorithms.protocol import LargeMemory, Task
-from tests.learning.walking import (
-    deliveries,
-    learned,
-    made_up,
-    one_by_one,
-    same_bits_after_restoring,
-)
+from robosim.learning.algorithms.madqn import MadqnConfig
+from robosim.learning.algorithms.protocol import LargeMemory
+from tests.learning.algorithms.resuming import check_that_a_restored_one_goes_on_in_the_same_bits
+from tests.learning.rollouts import build, rollout, take_in
+from tests.learning.walking import deliveries, learned
 
 SMALL = MadqnConfig(hidden=(16, 8), warmup=4, batch_size=4, return_steps=2, replay_capacity=50)
-
-
-def build(config=SMALL, seed=0, robots=2):
-    names = tuple(f"number {i}" for i in range(7))
-    return config.build(Task(robots, 3, names, 5, "cardinal", 100), np.random.SeedSequence(seed))
 
 
 def test_a_team_of_two_learns_to_walk_a_corridor_to_and_fro(corridor):
@@ -40,26 +27,9 @@ def test_a_team_of_two_learns_to_walk_a_corridor_to_and_fro(corridor):
     assert deliveries(corridor, loop.algorithm, 2).min() >= 9
 
 
-@given(robots=st.integers(1, 8), actions=st.integers(2, 5), data=st.data())
-def test_combinations_are_numbered_with_the_first_robot_as_the_first_digit(robots, actions, data):
-    chosen = np.array(data.draw(st.lists(st.integers(0, actions - 1), min_size=robots, max_size=robots)))
-    number = 0
-    for action in chosen:
-        number = number * actions + action
-    digits = (actions,) * robots
-    assert combine_actions(chosen[None], digits).tolist() == [number]
-    np.testing.assert_array_equal(split_actions(np.array([number]), digits), chosen[None])
-
-
-def test_each_combination_has_its_own_number():
-    every = np.array(list(itertools.product(range(5), repeat=3)))
-    assert combine_actions(every, (5, 5, 5)).tolist() == list(range(125))
-
-
 def test_it_remembers_the_whole_team_s_decision_and_its_mean_reward():
-    algorithm, done = build(SMALL.changed(return_steps=1), robots=3), made_up(0, robots=3)
-    for decision in one_by_one(done):
-        algorithm.observe(decision)
+    algorithm, done = build(SMALL.changed(return_steps=1), robots=3), rollout(0, robots=3)
+    take_in(algorithm, done)
     kept = algorithm.export(*algorithm.held())
     np.testing.assert_array_equal(kept["observations"][0], done.observation.reshape(12, 21))
     np.testing.assert_array_equal(kept["successors"][0], done.final_observation.reshape(12, 21))
@@ -89,14 +59,14 @@ def test_exploring_teams_draw_every_combination_alike():
 
 @pytest.mark.parametrize("decisions", [0, 3, 14])
 def test_a_restored_one_goes_on_in_the_same_bits(decisions):
-    whole, rest = (build(seed=seed) for seed in (0, 7))
+    whole, rest = (build(SMALL, seed) for seed in (0, 7))
     assert isinstance(whole, LargeMemory)
-    same_bits_after_restoring(whole, rest, decisions, 9, size=7)
+    check_that_a_restored_one_goes_on_in_the_same_bits(whole, rest, decisions)
 
 
 def test_teams_of_nine_are_refused_in_a_sentence():
     with pytest.raises(InputError) as caught:
-        build(robots=9)
+        build(SMALL, robots=9)
     assert str(caught.value) == (
         'robots is 9, but must be at most 8 for the algorithm "madqn": its network has an output for each of '
         "the 5 ** 9 combinations of the robots' actions."
@@ -104,10 +74,8 @@ def test_teams_of_nine_are_refused_in_a_sentence():
 
 
 def test_it_starts_from_a_network_of_its_own_kind():
-    first = build().actors()
-    second = SMALL.starting_from(first.spec).build(
-        Task(2, 3, tuple("abcdefg"), 5, "cardinal", 100), np.random.SeedSequence(1), first
-    )
+    first = build(SMALL).actors()
+    second = build(SMALL.starting_from(first.spec), 1, first)
     for name, array in second.actors().weights.items():
         np.testing.assert_array_equal(array, first.weights[name])
     with pytest.raises(InputError) as caught:

@@ -9,25 +9,11 @@ from hypothesis import strategies as st
 from robosim.control.network import Networks, NetworkSpec
 from robosim.errors import InputError
 from robosim.learning.algorithms.pqn import PqnConfig, lambda_targets
-from robosim.learning.algorithms.protocol import Task
-from tests.learning.walking import (
-    deliveries,
-    learned,
-    made_up,
-    one_by_one,
-    same_bits_after_restoring,
-)
+from tests.learning.algorithms.resuming import check_that_a_restored_one_goes_on_in_the_same_bits
+from tests.learning.rollouts import BLOCKABLE, build, rollout, take_in, task
+from tests.learning.walking import deliveries, learned
 
 SMALL = PqnConfig(hidden=(16, 8), rollout=4, epochs=2, minibatches=2, epsilon_spread=0.0)
-BLOCKABLE = tuple(f"gain {goal} {side}" for goal in ("home", "source") for side in "NSWE")
-
-
-def task(robots=2, names=tuple(f"number {i}" for i in range(7))):
-    return Task(robots, num_envs=3, names=names, num_actions=5, actions="cardinal", decisions=100)
-
-
-def build(config=SMALL, seed=0, **changes):
-    return config.build(task(**changes), np.random.SeedSequence(seed))
 
 
 class Rms(torch.nn.Module):
@@ -81,7 +67,7 @@ def test_it_learns_to_walk_a_corridor_to_and_fro(corridor, envs, options):
 @given(seed=st.integers(0, 1000), discount=st.floats(0.0, 0.99), trace=st.floats(0.0, 1.0))
 def test_targets_are_those_of_a_plain_loop_over_each_episode(seed, discount, trace):
     """As they are defined: weighted returns over one decision, two, three, up to the end of what is known."""
-    done = made_up(seed, decisions=5)
+    done = rollout(seed, decisions=5)
     following = np.random.default_rng(seed).normal(size=(5, 3, 2)).astype(np.float32)
     ours = lambda_targets(done.reward, following, done.terminated, done.ended, discount, trace)
     for env, robot, first in np.ndindex(3, 2, 5):
@@ -105,7 +91,7 @@ def test_an_update_is_that_of_a_plain_network_for_each_robot(parameters, mixer, 
     config = SMALL.changed(
         parameters=parameters, mixer=mixer, normalisation=normalisation, epochs=3, minibatches=1
     )
-    algorithm, done = build(config), made_up(2)
+    algorithm, done = build(config), rollout(2)
     modules = plain_networks(algorithm)
     seen, final, reward = (
         torch.from_numpy(array) for array in (done.observation, done.final_observation, done.reward)
@@ -142,8 +128,7 @@ def test_an_update_is_that_of_a_plain_network_for_each_robot(parameters, mixer, 
             torch.nn.utils.clip_grad_norm_(one.parameters(), config.gradient_norm)
             optimiser.step()
             optimiser.zero_grad()
-    for decision in one_by_one(done):
-        algorithm.observe(decision)
+    take_in(algorithm, done)
     assert algorithm.update(0.0)
     weights = algorithm.actors().weights
     for network, one in enumerate(each):
@@ -159,9 +144,8 @@ def test_robots_do_not_learn_from_each_other_without_a_mixer():
     """What one robot is paid, however much, leaves the network of the other as it is."""
     teams = []
     for factor in (1.0, 1000.0):
-        algorithm, done = build(), made_up(3)
-        for decision in one_by_one(done._replace(reward=done.reward * np.float32([1.0, factor]))):
-            algorithm.observe(decision)
+        algorithm, done = build(SMALL), rollout(3)
+        take_in(algorithm, done._replace(reward=done.reward * np.float32([1.0, factor])))
         algorithm.update(0.5)
         teams.append(algorithm.actors().weights)
     for name, array in teams[0].items():
@@ -186,7 +170,7 @@ def test_blocked_moves_are_neither_chosen_nor_expected_to_follow():
 @pytest.mark.parametrize("decisions", [0, 3, 4, 14])
 def test_a_restored_one_goes_on_in_the_same_bits(options, decisions):
     whole, rest = (build(SMALL.changed(**options), seed) for seed in (0, 7))
-    same_bits_after_restoring(whole, rest, decisions, 9, size=7)
+    check_that_a_restored_one_goes_on_in_the_same_bits(whole, rest, decisions)
 
 
 @settings(max_examples=12, deadline=None)
@@ -206,7 +190,7 @@ def test_the_policy_is_what_the_networks_compute(parameters, normalisation, robo
 
 
 def test_it_starts_from_networks_of_its_own_kind():
-    first = build().actors()
+    first = build(SMALL).actors()
     start = first._replace(weights=dict(sorted(first.weights.items())))
     config = SMALL.changed(normalisation="none").starting_from(first.spec)
     assert config.normalisation == "layer"
@@ -224,11 +208,10 @@ def test_it_starts_from_networks_of_its_own_kind():
 
 
 def test_what_is_exported_does_not_change_with_the_networks():
-    algorithm, done = build(), made_up(4)
+    algorithm, done = build(SMALL), rollout(4)
     before = algorithm.actors().weights
     kept = copy.deepcopy(before)
-    for decision in one_by_one(done):
-        algorithm.observe(decision)
+    take_in(algorithm, done)
     algorithm.update(0.0)
     for name, array in kept.items():
         np.testing.assert_array_equal(before[name], array)

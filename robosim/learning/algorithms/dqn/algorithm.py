@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from robosim.control.network import NetworkSpec
-from robosim.errors import InputError
 from robosim.learning.algorithms.dqn.config import DqnConfig
 from robosim.learning.algorithms.dqn.learner import DqnSettings, StackedDoubleDQN
 from robosim.learning.algorithms.dqn.returns import MultiStepReturns, Transitions
+from robosim.learning.algorithms.memory import ReplayMemory, enough_memory
 from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
+from robosim.learning.algorithms.stacked import part, prefixed
 from robosim.learning.networks import NetworkShape
 
 
-class DoubleDqn:
+class DoubleDqn(ReplayMemory):
     """Robots that learn by Double DQN, each its own network or all one; has a `LargeMemory`, its replay."""
 
     def __init__(
@@ -29,6 +27,7 @@ class DoubleDqn:
         self.config = config
         self.task = task
         self.learner = make_learner(config, task, seed)
+        self.replay = self.learner.replay
         if start is not None:
             self.learner.load_parameters(start.weights)
         self._returns = MultiStepReturns(config.return_steps, config.discount)
@@ -50,13 +49,13 @@ class DoubleDqn:
             return
         if self.config.shares_parameters:
             complete = Transitions(*[as_one_robot(part) for part in complete])
-        self.learner.replay.add(*complete)
+        self.replay.add(*complete)
 
     def update(self, progress: float) -> dict[str, float]:
         config, learner = self.config, self.learner
         rate = config.learning_rate_at(progress)
         due = config.updates_due(self._decisions)
-        while learner.replay.length and learner.updates < due:
+        while self.replay.length and learner.updates < due:
             learner.update(rate)
         return {
             "epsilon": self._epsilon(progress),
@@ -65,38 +64,19 @@ class DoubleDqn:
         }
 
     def actors(self) -> Actors:
-        config, task, shape = self.config, self.task, self.learner.shape
-        spec = NetworkSpec(
-            inputs=shape.inputs,
-            hidden=shape.hidden,
-            normalisation=config.normalisation,
-            mask=self.learner.settings.gains is not None,
-            output="action values",
-            actions=shape.outputs,
-            of_robot=(0,) * task.robots if config.shares_parameters else tuple(range(task.robots)),
-        )
-        return Actors(spec, self.learner.parameters.to_numpy())
+        return Actors(self.config.value_networks(self.task), self.learner.parameters.to_numpy())
 
     def state(self) -> State:
-        tensors = {f"learner.{name}": tensor for name, tensor in self.learner.state().items()}
-        tensors |= {f"open.{name}": torch.from_numpy(a) for name, a in self._returns.state().items()}
+        arrays = self._returns.state().items()
+        tensors = prefixed("learner.", self.learner.state())
+        tensors |= prefixed("open.", {name: torch.from_numpy(array) for name, array in arrays})
         return State(tensors, {"decisions": self._decisions, "learner": self.learner.counters()})
 
     def restore(self, state: State) -> None:
         tensors, facts = state
-        self.learner.restore(_part(tensors, "learner."), facts["learner"])
-        self._returns.restore({name: tensor.numpy() for name, tensor in _part(tensors, "open.").items()})
+        self.learner.restore(part(tensors, "learner."), facts["learner"])
+        self._returns.restore({name: tensor.numpy() for name, tensor in part(tensors, "open.").items()})
         self._decisions = int(facts["decisions"])
-
-    def held(self) -> tuple[int, int]:
-        replay = self.learner.replay
-        return replay.added - replay.length, replay.added
-
-    def export(self, first: int, last: int) -> dict[str, Tensor]:
-        return self.learner.replay.export(first, last)
-
-    def recall(self, first: int, parts: Iterable[Mapping[str, Tensor]]) -> None:
-        self.learner.replay.restore(first, parts)
 
     def _epsilon(self, progress: float) -> float:
         return self.config.epsilon(progress) if self.task.explores else self.config.epsilon_end
@@ -117,19 +97,10 @@ def make_learner(config: DqnConfig, task: Task, seed: np.random.SeedSequence) ->
         reward_scale=config.reward_scale,
         gains=task.gains if config.mask else None,
     )
-    try:
+    with enough_memory(config, task):
         return StackedDoubleDQN(shape, settings, seed, config.device, config.precision)
-    except (RuntimeError, MemoryError) as error:
-        raise InputError(
-            f"replay_capacity is {config.replay_capacity}, but must be less: {task.robots} robots with "
-            f"observations of {task.size} numbers need more memory than there is."
-        ) from error
 
 
 def as_one_robot(array: NDArray[Any]) -> NDArray[Any]:
     """Return [envs, robots, ...] as [envs * robots, 1, ...]: one network takes robots for environments."""
     return np.ascontiguousarray(array).reshape(-1, 1, *array.shape[2:])
-
-
-def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    return {name.removeprefix(prefix): one for name, one in tensors.items() if name.startswith(prefix)}

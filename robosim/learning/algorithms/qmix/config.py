@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
 
-from robosim.control.network import NetworkSpec
-from robosim.learning.algorithms.dqn.config import ReplayConfig
+from robosim.learning.algorithms.dqn.config import DoubleQConfig
 from robosim.learning.algorithms.protocol import Actors, Task
+from robosim.learning.algorithms.values import OwnValuesConfig
 
 if TYPE_CHECKING:
     from robosim.learning.algorithms.qmix.algorithm import Qmix
 
 
-class QmixConfig(ReplayConfig):
+class QmixConfig(OwnValuesConfig, DoubleQConfig):
     """Value decomposition (VDN, Sunehag 2018; QMIX, Rashid 2018) with Double-Q targets and replay."""
 
     name: Literal["qmix"] = "qmix"
@@ -30,23 +30,8 @@ class QmixConfig(ReplayConfig):
     """Width of the monotonic mixer's hidden layer."""
     hyper_width: int = Field(default=64, ge=1, le=4096)
     """Width of the hidden layers of the networks that put out the monotonic mixer's weights."""
-    normalisation: Literal["none", "rms", "layer"] = "none"
-    """`layer`: hidden layers are brought to mean 0 and variance 1 before ReLU; `rms`: they are divided by
-    their root mean square after it."""
-    mask: bool = False
-    """Moves that end at a wall or lead away from both goals are not chosen, where actions are cardinal and
-    observations hold the gains of moves."""
     gradient_norm: float = Field(default=10.0, ge=1e-6, le=1e6)
     """Most that the gradient of all that learns may measure; a longer one is shortened."""
-
-    @property
-    def shares_parameters(self) -> bool:
-        return self.parameters == "shared"
-
-    def starting_from(self, spec: NetworkSpec) -> Self:
-        """Return this configuration with the normalisation and the mask of `spec`."""
-        self.require_action_values(spec)
-        return self.changed(normalisation=spec.normalisation, mask=spec.mask)
 
     def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> Qmix:
         # Here, since reading a configuration must not load torch.

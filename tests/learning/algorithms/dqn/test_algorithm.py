@@ -1,11 +1,10 @@
-import json
-
 import numpy as np
 import pytest
-import torch
 
 from robosim.learning.algorithms.dqn.config import DqnConfig
-from robosim.learning.algorithms.protocol import Experience, LargeMemory, State
+from robosim.learning.algorithms.protocol import LargeMemory
+from tests.learning.algorithms.resuming import check_that_a_restored_one_goes_on_in_the_same_bits
+from tests.learning.rollouts import build
 from tests.learning.walking import deliveries, learned, loop_in, task_in
 
 SMALL = DqnConfig(hidden=(8,), warmup=4, batch_size=4, return_steps=2, replay_capacity=50)
@@ -67,30 +66,14 @@ def test_metrics_count_each_environment_s_own_episodes(corridor):
     assert sum(row.delivered for row in loop.log.rows) == total > 0
 
 
-def test_its_replay_is_a_large_memory_and_it_goes_on_in_the_same_bits(corridor):
-    whole, rest = (loop_in(corridor(num_envs=2), SMALL, 400, seed) for seed in (0, 1))
-    for _ in range(60):
-        whole.advance()
-    one, other = whole.algorithm, rest.algorithm
-    assert isinstance(one, LargeMemory)
-    first, last = one.held()
+def test_its_replay_is_a_large_memory_and_it_goes_on_in_the_same_bits():
+    whole, rest = build(SMALL), build(SMALL, 1)
+    assert isinstance(whole, LargeMemory)
+    check_that_a_restored_one_goes_on_in_the_same_bits(whole, rest, 60)
+    first, last = whole.held()
+    assert first > 0
     assert last - first == 50
-    parts = [one.export(first, first + 20), one.export(first + 20, last)]
-    tensors, facts = one.state()
-    other.restore(State(tensors, json.loads(json.dumps(facts))))
-    other.recall(first, parts)
-    rng, never = np.random.default_rng(0), np.zeros(2, bool)
-    for _ in range(10):
-        observation, final = rng.random((2, 2, 2, 7), np.float32)
-        reward = rng.random((2, 2), np.float32)
-        acted = [either.act(observation, 0.5) for either in (one, other)]
-        np.testing.assert_array_equal(*acted)
-        for either in (one, other):
-            assert either.update(0.5)["loss"] >= 0.0
-            either.observe(Experience(observation, acted[0], reward, final, final, never, never))
-    for name, array in one.actors().weights.items():
-        np.testing.assert_array_equal(array, other.actors().weights[name])
-    assert torch.equal(one.state().tensors["learner.error"], other.state().tensors["learner.error"])
+    assert whole.update(0.5)["loss"] >= 0.0
 
 
 def test_figures_follow_exploration_and_step_size(corridor):

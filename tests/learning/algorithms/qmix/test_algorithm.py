@@ -8,13 +8,9 @@ from robosim.control.network import Networks
 from robosim.errors import InputError
 from robosim.learning.algorithms.protocol import Experience, LargeMemory, Task
 from robosim.learning.algorithms.qmix.config import QmixConfig
-from tests.learning.walking import (
-    deliveries,
-    learned,
-    made_up,
-    one_by_one,
-    same_bits_after_restoring,
-)
+from tests.learning.algorithms.resuming import check_that_a_restored_one_goes_on_in_the_same_bits
+from tests.learning.rollouts import BLOCKABLE, build, one_by_one, rollout
+from tests.learning.walking import deliveries, learned
 
 SMALL = QmixConfig(
     hidden=(16, 8),
@@ -26,11 +22,6 @@ SMALL = QmixConfig(
     replay_capacity=50,
     target_interval=3,
 )
-BLOCKABLE = tuple(f"gain {goal} {side}" for goal in ("home", "source") for side in "NSWE")
-
-
-def build(config=SMALL, seed=0, robots=2, names=tuple(f"number {i}" for i in range(7)), actions=5):
-    return config.build(Task(robots, 3, names, actions, "cardinal", 100), np.random.SeedSequence(seed))
 
 
 @pytest.mark.parametrize("mixer", ["sum", "monotonic"])
@@ -69,7 +60,7 @@ def plain_value(networks, robot, observation, action):
 @pytest.mark.parametrize("parameters", ["own", "shared"])
 def test_the_loss_is_that_of_one_robot_and_one_moment_after_another(parameters, mixer, mask):
     config = SMALL.changed(parameters=parameters, mixer=mixer, mask=mask)
-    algorithm, done = build(config, names=BLOCKABLE), made_up(5, decisions=6, size=8)
+    algorithm, done = build(config, names=BLOCKABLE), rollout(5, decisions=6, size=8)
     final = done.final_observation
     final[np.random.default_rng(0).random(final.shape) < 0.6] = -1.0
     for decision in one_by_one(done):
@@ -105,7 +96,7 @@ def test_the_loss_is_that_of_one_robot_and_one_moment_after_another(parameters, 
 
 
 def test_target_networks_stay_until_they_are_copied():
-    algorithm, done = build(SMALL.changed(updates_per_step=0.25)), one_by_one(made_up(0, decisions=20))
+    algorithm, done = build(SMALL.changed(updates_per_step=0.25)), one_by_one(rollout(0, decisions=20))
     kept = copy.deepcopy(algorithm._targets)
     for decision in done:
         before = algorithm.updates
@@ -141,7 +132,7 @@ def test_qmix_represents_a_game_of_which_vdn_learns_the_additive_part(mixer, lea
         warmup=0,
         parameters="own",
     )
-    algorithm = build(config, names=("nothing",), actions=2)
+    algorithm = build(config, names=("nothing",), num_actions=2)
     joint = np.stack(np.meshgrid([0, 1], [0, 1], indexing="ij"), axis=-1).reshape(4, 2)
     paid = np.repeat(PAYOFF.ravel()[:, None], 2, axis=1).astype(np.float32)
     seen, over = np.ones((4, 2, 1), np.float32), np.ones(4, bool)
@@ -161,7 +152,7 @@ def test_qmix_represents_a_game_of_which_vdn_learns_the_additive_part(mixer, lea
 def test_a_restored_one_goes_on_in_the_same_bits(options, decisions):
     whole, rest = (build(SMALL.changed(**options), seed) for seed in (0, 7))
     assert isinstance(whole, LargeMemory)
-    same_bits_after_restoring(whole, rest, decisions, 9, size=7)
+    check_that_a_restored_one_goes_on_in_the_same_bits(whole, rest, decisions)
 
 
 @pytest.mark.parametrize("parameters", ["own", "shared"])
