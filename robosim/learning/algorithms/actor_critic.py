@@ -16,7 +16,7 @@ from pydantic import Field
 from torch import Tensor
 
 from robosim.control.network import Activation, NetworkSpec, Output
-from robosim.errors import InputError, shown
+from robosim.errors import InputError
 from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
 from robosim.learning.algorithms.rollout import restored_rollout, rollout_state, stack_decisions
 from robosim.learning.algorithms.settings import MaskConfig, StepSize, Widths
@@ -64,15 +64,7 @@ class ActorCriticConfig(MaskConfig):
     def starting_from(self, spec: NetworkSpec) -> Self:
         """Return this configuration with the mask of `spec`."""
         sees, puts_out = self.actor_kind
-        own, theirs = (
-            (sees, self.activation, "none", puts_out, self.hidden),
-            (spec.input, spec.activation, spec.normalisation, spec.output, spec.hidden),
-        )
-        if own != theirs:
-            raise InputError(
-                f"has networks of {shown(theirs)}, but must have ones of {shown(own)} for the algorithm "
-                f"{shown(self.name)} (input, activation, normalisation, output, hidden)."
-            )
+        self.require_networks(spec, sees, self.activation, puts_out)
         if self.shares_parameters and spec.networks > 1:
             raise InputError(
                 'has a network for each robot, but must have one for all where parameters is "shared".'

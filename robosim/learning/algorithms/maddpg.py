@@ -19,7 +19,6 @@ from torch.nn.functional import one_hot
 
 from robosim.control.network import NetworkSpec
 from robosim.discretise.observation import mask_blocked_moves
-from robosim.errors import InputError, shown
 from robosim.learning.algorithms.actor_critic import drawn
 from robosim.learning.algorithms.dqn.replay import Batch
 from robosim.learning.algorithms.memory import JointReplay
@@ -60,15 +59,7 @@ class MaddpgConfig(MaskConfig, ReplayConfig):
 
     def starting_from(self, spec: NetworkSpec) -> Self:
         """Return this configuration with the mask of `spec`."""
-        own, theirs = (
-            ("own", "relu", "none", "logits", self.hidden),
-            (spec.input, spec.activation, spec.normalisation, spec.output, spec.hidden),
-        )
-        if own != theirs:
-            raise InputError(
-                f"has networks of {shown(theirs)}, but must have ones of {shown(own)} for the algorithm "
-                '"maddpg" (input, activation, normalisation, output, hidden).'
-            )
+        self.require_networks(spec, "own", "relu", "logits")
         return self.changed(mask=spec.mask)
 
     def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> Maddpg:

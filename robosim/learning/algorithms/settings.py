@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from robosim.control.network import NetworkSpec, Output
+from robosim.control.network import Activation, NetworkSpec, Output
+from robosim.errors import InputError, shown
 from robosim.learning.algorithms.protocol import AlgorithmConfig, Task
 from robosim.records import Many
 
@@ -31,6 +32,20 @@ class LearnerConfig(AlgorithmConfig):
     def learning_rate_at(self, progress: float) -> float:
         """Return the step size at `progress` (0 to 1) of a stage: it falls linearly."""
         return self.learning_rate * (1.0 + (self.learning_rate_end - 1.0) * min(1.0, progress))
+
+    def require_networks(
+        self, spec: NetworkSpec, sees: Literal["own", "team"], activation: Activation, puts_out: Output
+    ) -> None:
+        """Raise InputError, a sentence that begins with "has", for networks of another kind."""
+        own, theirs = (
+            (sees, activation, "none", puts_out, self.hidden),
+            (spec.input, spec.activation, spec.normalisation, spec.output, spec.hidden),
+        )
+        if own != theirs:
+            raise InputError(
+                f"has networks of {shown(theirs)}, but must have ones of {shown(own)} for the algorithm "
+                f"{shown(self.name)} (input, activation, normalisation, output, hidden)."
+            )
 
 
 class MaskConfig(LearnerConfig):
