@@ -54,13 +54,13 @@ class Wheels(IntEnum):
     STOP = 4
     BEAR_LEFT = 5
     BEAR_RIGHT = 6
-    TURN_LEFT = 7
-    TURN_RIGHT = 8
+    BACK_LEFT = 7
+    BACK_RIGHT = 8
 
 
 WHEEL_SPEEDS = np.array(
     [[1.0, 1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [0.0, 0.0],
-     [0.5, 1.0], [1.0, 0.5], [-0.5, 0.5], [0.5, -0.5]]
+     [0.5, 1.0], [1.0, 0.5], [-0.5, -1.0], [-1.0, -0.5]]
 )  # fmt: skip
 """[9, 2] speeds of the left and the right wheel of `Wheels`, as shares of the top wheel speed."""
 
@@ -76,7 +76,7 @@ ACTION_NAMES: dict[str, tuple[str, ...]] = {
     "wheels": ("forward", "back", "spin left", "spin right", "stop"),
     "wheels-9": (
         "forward", "back", "spin left", "spin right", "stop",
-        "bear left", "bear right", "turn left", "turn right",
+        "bear left", "bear right", "back left", "back right",
     ),
 }  # fmt: skip
 FEWEST_ACTIONS = min(map(len, ACTION_NAMES.values()))

@@ -23,7 +23,7 @@ ACTION_NAMES = {
     "wheels": ("forward", "back", "spin left", "spin right", "stop"),
     "wheels-9": (
         "forward", "back", "spin left", "spin right", "stop",
-        "bear left", "bear right", "turn left", "turn right",
+        "bear left", "bear right", "back left", "back right",
     ),
 }  # fmt: skip
 OWN_SIDES = {

@@ -65,10 +65,18 @@ def test_wheels_actions_are_wheel_speeds_held() -> None:
     driver.begin(pose, np.arange(9)[None])
     speed, rate = body_twist(SHEET, driver.wheel_speeds(pose))
     top, turn = SHEET.top_speed, SHEET.top_turn_rate
-    assert speed[0] == pytest.approx([top, -top, 0.0, 0.0, 0.0, 0.75 * top, 0.75 * top, 0.0, 0.0])
+    assert speed[0] == pytest.approx([top, -top, 0.0, 0.0, 0.0, *2 * [0.75 * top], *2 * [-0.75 * top]])
     assert rate[0] == pytest.approx(
-        [0.0, 0.0, turn, -turn, 0.0, 0.25 * turn, -0.25 * turn, 0.5 * turn, -0.5 * turn]
+        [0.0, 0.0, turn, -turn, 0.0, 0.25 * turn, -0.25 * turn, -0.25 * turn, 0.25 * turn]
     )
+
+
+@pytest.mark.parametrize("name", ["bear left", "bear right", "back left", "back right"])
+def test_arcs_lead_to_the_side_that_their_names_say(name: str) -> None:
+    pose = np.zeros((1, 1, 3))
+    end = drive(WheelsDriver(SHEET), pose, [ACTION_NAMES["wheels-9"].index(name)], decisions=3)[0, 0]
+    assert np.sign(end[0]) == (1.0 if name.startswith("bear") else -1.0)
+    assert np.sign(end[1]) == (1.0 if name.endswith("left") else -1.0)
 
 
 def test_actions_are_numbered_as_they_are_named() -> None:
