@@ -193,7 +193,7 @@ def main() -> None:
     one.add_argument("library", choices=LIBRARIES)
     one.add_argument("method")
     one.add_argument("--seed", type=int, default=0)
-    one.add_argument("--decisions", type=int, default=100_000)
+    one.add_argument("--decisions", type=int, default=50_000)
     one.add_argument("--epymarl", type=Path, default=Path("epymarl"), help="checkout of EPyMARL")
     drawn = commands.add_parser("report", help="print the table and draw the figure")
     drawn.add_argument("--png", type=Path, default=FIGURE)
