@@ -51,11 +51,12 @@ def ship(
     half: bool = False,
     episode_steps: int | None = None,
     robots: int | None = None,
+    command: str = "",
 ) -> PolicyCard:
     """Write the policy of a run to `into`/`name` and return its card; InputError if it cannot ship.
 
     Episodes are as long as the arena says, or else of `episode_steps` decisions. One network for all can ship
-    as a team of another size, `robots`.
+    as a team of another size, `robots`. `command` says how it learned where the card does not, as after a sweep.
     """
     check_request(name, notes, episodes, seed)
     policy = read_policy(find_policy(run))
@@ -66,7 +67,7 @@ def ship(
         print(f"note: the arena {card.arena.name} of the card is not, or no longer, the one that ships")
     if robots is not None:
         card = resized(card, robots)
-    training = card.training.changed(command=shown_command(card.training.command, name))
+    training = card.training.changed(command=shown_command(card.training.command or command, name))
     card = card.changed(training=training, evaluation=None, reference=None, notes=notes)
     with tempfile.TemporaryDirectory() as scratch:
         draft = Path(scratch) / name
@@ -193,6 +194,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=7, help="seed of the evaluation, not the training's")
     parser.add_argument("--half", action="store_true", help="store float16 even where float32 would fit")
     parser.add_argument("--robots", type=int, help="team size on the card, where all robots run one network")
+    parser.add_argument("--command", default="", help="how it learned, where a sweep's run does not say")
     parser.add_argument("--into", type=Path, default=POLICIES, help="folder of policies to write to")
     given = parser.parse_args(argv)
 
@@ -202,6 +204,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             given.name,
             given.into,
             notes=given.notes,
+            command=given.command,
             episodes=given.episodes,
             seed=given.seed,
             half=given.half,
