@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from robosim.errors import InputError
+from robosim.errors import InputError, nearest_names, shown
 from robosim.experiments.compare_figures import draw_comparison
 from robosim.experiments.comparison import compare
 from robosim.experiments.paper import PELLETS, TECHNIQUES
@@ -105,14 +105,18 @@ def there() -> list[Section]:
 
 
 def robosim(*arguments: str) -> int:
-    return subprocess.run(
-        [sys.executable, "-c", "from robosim.cli.main import main; main()", *arguments]
-    ).returncode
+    return subprocess.run([sys.executable, "-m", "robosim", *arguments], check=False).returncode
 
 
 def run(names: Sequence[str], extra: Sequence[str]) -> int:
-    """Work off the sweeps in the order of the page; return the worst exit code."""
-    worst = 0
+    """Work off the sweeps in the order of the page; return the worst exit code.
+
+    InputError for a name that no sweep has.
+    """
+    worst, known = 0, [section.name for section in there()]
+    for name in names:
+        if name not in known:
+            raise InputError(f"no sweep is named {shown(name)}: {nearest_names(name, known)}")
     for section in there():
         if names and section.name not in names:
             continue
