@@ -117,7 +117,8 @@ class Sweep:
     def only(self, text: str) -> Sweep:
         """Return the runs with certain values: `technique=smadrl,robots=4,robots=8`.
 
-        Values of the same name are alternatives. InputError for a name or a value that no run has.
+        Values of the same name are alternatives. InputError for a name or a value that no run
+        has, and where no run is left.
         """
         wanted: dict[str, set[str]] = {}
         for part in text.split(","):
@@ -138,6 +139,10 @@ class Sweep:
                 name in run.options and _plain(run.options[name]) in values for name, values in wanted.items()
             )
         ]
+        if not kept:
+            raise InputError(
+                f"--only is {shown(text)}: every one of these values has runs, but none has all."
+            )
         return replace(self, runs=kept)
 
 

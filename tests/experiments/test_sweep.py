@@ -302,6 +302,10 @@ def test_only_takes_the_runs_with_these_values(tmp_path):
         ("robot=2", '--only: "robot" is in no run: did you mean robots?'),
         ("robots=5", '--only: no run has robots "5": known names are 2, 3.'),
         ("technique=lane", '--only: no run has technique "lane": did you mean lanes?'),
+        (
+            "technique=lanes,steps=3000",
+            '--only is "technique=lanes,steps=3000": every one of these values has runs, but none has all.',
+        ),
     ):
         with pytest.raises(InputError) as caught:
             sweep.only(text)
