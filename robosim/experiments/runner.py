@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from robosim.errors import InputError
 from robosim.experiments.jobs import Failure, Job, Work
 from robosim.experiments.results import Result, append_result, read_results
 from robosim.files import require_writable
@@ -70,9 +71,12 @@ def run_jobs(
 
     `work` must be importable by name, and a script that calls this guarded by `__name__ == "__main__"`.
     """
-    root.mkdir(parents=True, exist_ok=True)
     require_writable(results)
     done = read_results(results)
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{root}: no folder can be made here: {error.strerror or error}.") from None
     every = {job.key: job for job in jobs}
     waiting = [job for key, job in every.items() if key not in done]
     watch = watch or Watch()

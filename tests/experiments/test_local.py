@@ -97,6 +97,12 @@ def test_wrong_input_is_a_sentence(tmp_path):
         run(tmp_path, [{}], cheap.square)
 
 
+def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"file: no folder can be made here: File exists\."):
+        run_jobs([Job({})], cheap.square, tmp_path / "file", tmp_path / "results.jsonl", LocalEngine())
+
+
 def script(root, **options):
     """Start a process that works off four long jobs, two at a time."""
     root.mkdir(exist_ok=True)
