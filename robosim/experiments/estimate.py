@@ -50,11 +50,11 @@ class Estimate:
             return None
         return (learning or 0.0) * steps + measuring * _episodes(config)
 
-    def left(self, waiting: Iterable[Config], running: Sequence[Running], workers: int) -> float | None:
+    def left(self, waiting: Sequence[Config], running: Sequence[Running], workers: int) -> float | None:
         """Return how long all of them take yet, `workers` at a time, s; None with nothing to go by."""
         at_work = [self._rest(one) for one in running]
         known = [seconds for seconds in (*at_work, *map(self.seconds, waiting)) if seconds is not None]
-        unknown = len(running) + len(list(waiting)) - len(known)
+        unknown = len(running) + len(waiting) - len(known)
         if not known:
             return None if unknown else 0.0
         total = sum(known) * (1.0 + unknown / len(known))
