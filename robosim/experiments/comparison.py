@@ -140,7 +140,9 @@ def _scores(runs: Sequence[Run], metric: str) -> tuple[dict[tuple[Task, str], li
         else:
             scores[run.task, run.system].append(score)
     if not scores:
-        known = {name for run in runs for name in run.figures}
+        known = {name for run in runs for name, values in run.figures.items() if values}
+        if not known:
+            raise InputError("no run has any figure of an episode: there is nothing to compare.")
         raise InputError(f"--metric: no run has a figure {shown(metric)}: {nearest_names(metric, known)}")
     left = [f"{count} of {system}" for system, count in without.items()]
     return scores, [f"Left out are runs without a figure {metric}: {', '.join(left)}."] if left else []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import platform
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from robosim.errors import InputError
+from robosim.errors import InputError, shown
 from robosim.files import append_line
 
 _TEXT = re.compile(r'"(?:[^"\\]|\\.)*(?:"|$)')
@@ -90,11 +91,19 @@ def _result(
     series: Mapping[str, Sequence[float]] = MappingProxyType({}),
     **fields: Any,
 ) -> Result:
-    return Result(figures=_numbers(figures), series=_numbers(series), **fields)
+    result = Result(figures=_numbers(figures), series=_numbers(series), **fields)
+    kinds = {"key": str, "config": Mapping, "machine": Mapping, "wall_time": (int, float)}
+    for name, kind in (kinds | {"evaluation_time": (int, float)}).items():
+        if not isinstance(getattr(result, name), kind):
+            raise TypeError(f"{name} is {shown(getattr(result, name))}")
+    return result
 
 
 def _numbers(rows: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
-    return {name: tuple(map(float, values)) for name, values in rows.items()}
+    numbers = {name: tuple(map(float, values)) for name, values in rows.items()}
+    if odd := [name for name, values in numbers.items() if not all(map(math.isfinite, values))]:
+        raise ValueError(f"{odd[0]} has a number that is not finite")
+    return numbers
 
 
 @cache

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from robosim.arena import Arena, load_arena
 from robosim.control.card import Evaluation
-from robosim.envs.config import EnvConfig
-from robosim.errors import InputError, shown
+from robosim.envs.config import MOST_STEPS, EnvConfig
+from robosim.errors import InputError, shown, whole_number
 from robosim.experiments.results import Result, read_results
 
 Floats = NDArray[np.float64]
@@ -262,11 +262,18 @@ def _read_result(result: Result, source: str) -> Run:
     env = EnvConfig.from_table(_table(result.config, "env", source), f"{source}: env")
     measuring = _table(result.config, "evaluation", source)
     arena = _arena(env.arena)
-    steps = measuring.get("steps") or arena.timing.episode_steps
+    steps = whole_number(
+        f"{source}: evaluation.steps", measuring.get("steps") or arena.timing.episode_steps, 1, MOST_STEPS
+    )
     series, curve = result.series, None
     if series.get("learned"):
+        if len(series["learned"]) != len(series.get("learned_pellets", ())):
+            raise InputError(f"{source}: learned_pellets must have a number for each of learned.")
         curve = Curve(np.array(series["learned"]), np.array(series["learned_pellets"]))
-    pellets = np.array(series.get("robot_pellets", ())).reshape(-1, env.robots)
+    pellets = np.array(series.get("robot_pellets", ()))
+    if pellets.size % env.robots:
+        raise InputError(f"{source}: robot_pellets must have a number for each of {env.robots} robots.")
+    pellets = pellets.reshape(-1, env.robots)
     fields = _described(result.config, source)
     if "algorithm" not in result.config:
         # What a controller that is only measured does not learn from makes no other controller of it.

@@ -57,6 +57,10 @@ def test_a_line_cut_short_counts_for_nothing(tmp_path_factory, end):
         "[1]",
         '{"key": "k", "colour": 1}',
         '{"key": ["k"], "config": {}, "figures": {}, "wall_time": 1, "machine": {}}',
+        '{"key": 3, "config": {}, "figures": {}, "wall_time": 1, "machine": {}}',
+        '{"key": "k", "config": 3, "figures": {}, "wall_time": 1, "machine": {}}',
+        '{"key": "k", "config": {}, "figures": {}, "wall_time": "x", "machine": {}}',
+        '{"key": "k", "config": {}, "figures": {"pellets": [NaN]}, "wall_time": 1, "machine": {}}',
         "[" * 5000,
     ],
 )

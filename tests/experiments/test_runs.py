@@ -188,6 +188,30 @@ def test_a_damaged_run_is_a_sentence(tmp_path, how, sentence):
     assert str(caught.value).startswith(sentence.format(path))
 
 
+@pytest.mark.parametrize(
+    ("part", "name", "value", "sentence"),
+    [
+        ("series", "learned_pellets", [1.0], "learned_pellets must have a number for each of learned."),
+        ("series", "robot_pellets", [1.0] * 3, "robot_pellets must have a number for each of 2 robots."),
+        (
+            "config",
+            "evaluation",
+            {"steps": "x"},
+            'evaluation.steps is "x", but must be a whole number from 1',
+        ),
+    ],
+)
+def test_a_damaged_result_is_a_sentence(tmp_path, part, name, value, sentence):
+    path = tmp_path / "results.jsonl"
+    made.result(path, "iql+s", 0, [4])
+    line = json.loads(path.read_text())
+    line[part][name] = value
+    path.write_text(json.dumps(line))
+    with pytest.raises(InputError) as caught:
+        read_runs([path])
+    assert str(caught.value).startswith(f"{path} ({line['key'][:16]}): {sentence}")
+
+
 def test_a_path_without_runs_is_a_sentence(tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "none.jsonl").touch()
