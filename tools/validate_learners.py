@@ -124,6 +124,8 @@ def _processor() -> str:
 
 
 def report(options: argparse.Namespace) -> None:
+    if not options.results.exists():
+        sys.exit(f"{options.results}: there are no results yet; `run` makes them.")
     lines = [json.loads(row) for row in options.results.read_text().splitlines()]
     groups: dict[tuple[str, str], list[Line]] = defaultdict(list)
     for line in lines:

@@ -156,3 +156,10 @@ def test_what_is_missing_is_one_sentence(tool, monkeypatch, arguments, sentence)
     with pytest.raises(SystemExit) as caught:
         tool.main()
     assert caught.value.code == sentence
+
+
+def test_a_report_of_nothing_is_one_sentence(tool, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["validate", "--results", str(tmp_path / "none.jsonl"), "report"])
+    with pytest.raises(SystemExit) as caught:
+        tool.main()
+    assert caught.value.code == f"{tmp_path}/none.jsonl: there are no results yet; `run` makes them."
