@@ -25,7 +25,6 @@ Options = dict[str, Any]
 
 METHODS: dict[str, tuple[str, Options]] = {
     "ia2c": ("ia2c", {"common_reward": False}),
-    "maa2c": ("maa2c", {"common_reward": False}),
     "ippo": ("ippo", {"common_reward": False}),
     "mappo": ("mappo", {"common_reward": False}),
     "maddpg": ("maddpg_ns", {"common_reward": False}),
