@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,6 +29,7 @@ from robosim.control.environment import environment_for
 from robosim.control.evaluate import evaluate
 from robosim.control.policy import WEIGHTS_FILE, find_policy, load_policy, policy_names
 from robosim.envs.vector import VectorEnv
+from robosim.errors import InputError
 from robosim.files import whole_file
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -173,4 +175,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except InputError as error:
+        sys.exit(str(error))
