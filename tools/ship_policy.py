@@ -56,7 +56,8 @@ def ship(
     """Write the policy of a run to `into`/`name` and return its card; InputError if it cannot ship.
 
     Episodes are as long as the arena says, or else of `episode_steps` decisions. One network for all can ship
-    as a team of another size, `robots`. `command` says how it learned where the card does not, as after a sweep.
+    as a team of another size, `robots`. `command` says how it learned where the card does not, as that of a
+    sweep's run.
     """
     check_request(name, notes, episodes, seed)
     policy = read_policy(find_policy(run))
