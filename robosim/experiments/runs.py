@@ -18,6 +18,8 @@ from robosim.arena import Arena, load_arena
 from robosim.control.card import Evaluation
 from robosim.envs.config import MOST_STEPS, EnvConfig
 from robosim.errors import InputError, shown, whole_number
+from robosim.experiments.jobs import CONFIG_FILE as JOB_FILE
+from robosim.experiments.jobs import WORK_FOLDER
 from robosim.experiments.results import Result, read_results
 
 Floats = NDArray[np.float64]
@@ -191,7 +193,16 @@ def _runs_below(path: Path) -> list[Run]:
     folders = [path] if (path / CONFIG_FILE).exists() else [file.parent for file in path.rglob(CONFIG_FILE)]
     if not folders:
         raise InputError(f"{path}: there is no run in this folder: no {CONFIG_FILE} in it or below it.")
-    return [_read_folder(folder) for folder in sorted(folders)]
+    own = [folder for folder in sorted(folders) if not _is_of_sweep(folder)]
+    if not own:
+        raise InputError(f"{path}: the runs in this folder are those of a sweep: give its file of results.")
+    return [_read_folder(folder) for folder in own]
+
+
+def _is_of_sweep(folder: Path) -> bool:
+    """Return whether a run is a part of a sweep's job, whose evaluation is in the sweep's results alone."""
+    work = folder.absolute().parent
+    return work.name == WORK_FOLDER and (work.parent / JOB_FILE).exists()
 
 
 def _read_folder(folder: Path) -> Run:

@@ -212,6 +212,20 @@ def test_a_damaged_result_is_a_sentence(tmp_path, part, name, value, sentence):
     assert str(caught.value).startswith(f"{path} ({line['key'][:16]}): {sentence}")
 
 
+def test_run_folders_of_a_sweep_are_left_to_its_results(tmp_path):
+    job = tmp_path / "sweep-study" / "0123456789abcdef"
+    made.folder(job / "work" / "run", "iql+s", 0, [4])
+    (job / "work" / "run" / "evaluation.json").unlink()
+    (job / "config.json").touch()
+    with pytest.raises(InputError) as caught:
+        read_runs([tmp_path])
+    assert str(caught.value) == (
+        f"{tmp_path}: the runs in this folder are those of a sweep: give its file of results."
+    )
+    made.folder(tmp_path / "own", "iql+s", 1, [5])
+    assert [run.seed for run in read_runs([tmp_path])] == [1]
+
+
 def test_a_path_without_runs_is_a_sentence(tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "none.jsonl").touch()
