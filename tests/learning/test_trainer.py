@@ -327,7 +327,7 @@ MIXED = {
 def test_a_network_that_sees_a_whole_team_is_refused_with_several_sizes_before_it_learns(tmp_path, technique):
     options = {name: value for name, value in MIXED.items() if name != "updates_per_step"}
     with pytest.raises(InputError) as caught:
-        train(run_config(technique, hidden=(8,), **options), tmp_path / "run")
+        run(tmp_path / "run", run_config(technique, hidden=(8,), **options))
     assert str(caught.value) == (
         f'the algorithm "{technique}" has one network that sees a whole team of one size: it cannot learn '
         "with arenas or random_arenas."
