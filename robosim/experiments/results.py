@@ -92,7 +92,7 @@ def _result(
     **fields: Any,
 ) -> Result:
     result = Result(figures=_numbers(figures), series=_numbers(series), **fields)
-    kinds = {"key": str, "config": Mapping, "machine": Mapping, "wall_time": (int, float)}
+    kinds: dict[str, Any] = {"key": str, "config": Mapping, "machine": Mapping, "wall_time": (int, float)}
     for name, kind in (kinds | {"evaluation_time": (int, float)}).items():
         if not isinstance(getattr(result, name), kind):
             raise TypeError(f"{name} is {shown(getattr(result, name))}")
