@@ -73,7 +73,7 @@ def learning_curves(panels: Sequence[Panel], systems: Systems) -> Figure:
         axes.xaxis.set_major_formatter(lambda value, _: _thousands(value))
 
     return _panels(
-        panels, systems, "joint decisions", "pellets in 1000 decisions, exploration included", finish
+        panels, systems, "joint decisions", "pellets in 1000 decisions,\nexploration included", finish
     )
 
 
