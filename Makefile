@@ -8,11 +8,12 @@ SHELL := /bin/bash
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help venv demo test lint clean
+.PHONY: help venv demo test test-slow lint clean
 
 help:
 	@echo "make demo    train a small team, evaluate it, record a playback (a few minutes)"
 	@echo "make test    run the tests"
+	@echo "make test-slow  the tests that take long"
 	@echo "make lint    ruff, mypy, import-linter"
 	@echo "make venv    only set up $(VENV)"
 	@echo "make clean   remove $(VENV) and what the tools left"
@@ -32,6 +33,10 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	@$(BIN)/python -m pytest --quiet -n $(WORKERS)
+
+# What takes long, or needs what the test environment lacks, such as Ray.
+test-slow: $(STAMP)
+	@$(BIN)/python -m pytest --quiet -n $(WORKERS) -m slow
 
 lint: $(STAMP)
 	@$(BIN)/ruff check .

@@ -100,6 +100,7 @@ def go_on(folder):
         begin(folder, go_on.config)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("episodes", [0, 1])
 def test_killed_at_any_change_of_its_folder_a_run_ends_in_the_same_bits(tmp_path, episodes):
     go_on.config = config = TINY.with_options(evaluation_episodes=episodes)
