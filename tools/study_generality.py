@@ -5,8 +5,9 @@
 Three kinds of arenas: those that ship with the standard robot, those in examples/arenas, which no training
 saw, and random ones of seeds that no training drew from. Beside the team run `lanes`, and the policy that
 ships for that arena and size, if any, over episodes of the same seed. Each measurement is a line of --out;
-stopped, the same command goes on. Prints a table for each kind in Markdown: pellets in an episode (mean over
-episodes), shares, and the longest time without any delivery, in decisions, of the team and of `lanes`.
+stopped, the same command goes on, and with --known it prints what there is and measures nothing. Prints a
+table for each kind in Markdown: pellets in an episode (mean over episodes), shares, and the longest time
+without any delivery, in decisions, of the team and of `lanes`.
 """
 
 from __future__ import annotations
@@ -73,14 +74,18 @@ class Lapses:
 class Study:
     """Measurements, each made once and kept in a file."""
 
-    def __init__(self, out: Path, episodes: int, seed: int, steps: int | None) -> None:
+    def __init__(self, out: Path, episodes: int, seed: int, steps: int | None, known: bool) -> None:
         self._out = out
+        self._measures = not known
         self._settings = {"episodes": episodes, "seed": seed, "steps": steps or 0}
         lines = out.read_text(encoding="utf-8").splitlines() if out.exists() else []
         self._known = [json.loads(line) for line in lines]
 
-    def measure(self, name: str, arena: str, robots: int) -> Measure:
-        """Return what a controller does in an arena (name or text), measured now or before."""
+    def measure(self, name: str, arena: str, robots: int) -> Measure | None:
+        """Return what a controller does in an arena (name or text), measured now or before.
+
+        None where it is not known and nothing is to be measured.
+        """
         about: dict[str, Any] = {
             "controller": name,
             "weights": _weights(name),
@@ -90,6 +95,8 @@ class Study:
         for known in self._known:
             if about.items() <= known.items():
                 return Measure(known["pellets"], known["worst"], known["lapse"])
+        if not self._measures:
+            return None
         result, lapse = self._run(make_controller(name), arena, robots)
         measure = Measure(result.mean, min(result.totals), lapse)
         self._known.append(about | measure._asdict())
@@ -115,12 +122,12 @@ def _weights(name: str) -> str:
 
 
 def specialists() -> dict[tuple[str, int], str]:
-    """Return the policies that ship for one arena, by that and their team's size."""
+    """Return the policies that ship for one arena, by that and their team's size: ARENA-ROBOTS by name."""
     cards = {name: load_policy(name).card for name in policy_names()}
     return {
         (card.arena.name, card.robots): name
         for name, card in cards.items()
-        if name.startswith(f"{card.arena.name}-")
+        if name == f"{card.arena.name}-{card.robots}"
     }
 
 
@@ -134,14 +141,16 @@ def rows(study: Study, policy: str, arenas: dict[str, str], sizes: list[int]) ->
         own = [robots for place, robots in special if place == name]
         for robots in sorted({*sizes, *own}):
             team, lanes = study.measure(policy, arena, robots), study.measure("lanes", arena, robots)
+            if team is None or lanes is None:
+                continue
             other = special.get((name, robots))
             share = _share(team, study.measure(other, arena, robots)) if other else ""
             cells = [name, robots, f"{team.pellets:.1f}", team.worst, _share(team, lanes), share]
             yield _line([*cells, team.lapse, lanes.lapse])
 
 
-def _share(team: Measure, other: Measure) -> str:
-    return f"{100 * team.pellets / other.pellets:.0f} %" if other.pellets else "-"
+def _share(team: Measure, other: Measure | None) -> str:
+    return f"{100 * team.pellets / other.pellets:.0f} %" if other and other.pellets else "-"
 
 
 def _line(cells: list[Any]) -> str:
@@ -158,6 +167,7 @@ def main() -> None:
     parser.add_argument("--random-seed", type=int, default=REPORTED_SEED, help="of the first random arena")
     parser.add_argument("--random-arenas", type=int, default=10)
     parser.add_argument("--only", nargs="+", choices=("shipped", "examples", "random"))
+    parser.add_argument("--known", action="store_true", help="print what --out holds, and measure nothing")
     parser.add_argument("--out", type=Path, default=ROOT / "docs/results/generality.jsonl")
     options = parser.parse_args()
     files = sorted((ROOT / "examples/arenas").glob("*.toml"))
@@ -167,7 +177,7 @@ def main() -> None:
         "examples": {path.stem: str(path) for path in files},
         "random": {f"random-{seed}": random_arena(seed) for seed in seeds},
     }
-    study = Study(options.out, options.episodes, options.seed, options.steps)
+    study = Study(options.out, options.episodes, options.seed, options.steps, options.known)
     for kind in options.only or kinds:
         print(f"\n{kind}\n")
         for row in rows(study, options.policy, kinds[kind], options.sizes):
