@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.control.network import MOST_OUTPUTS
 from robosim.learning.algorithms.protocol import Experience
+
+
+def most_robots(num_actions: int) -> int:
+    """Return how many robots may have a network with an output for each combination of their actions."""
+    # The half lets a power that is the most itself count, however its logarithms are rounded.
+    return int(np.log(MOST_OUTPUTS + 0.5) / np.log(num_actions))
 
 
 def combine_actions(actions: NDArray[np.int64], digits: tuple[int, ...]) -> NDArray[np.int64]:

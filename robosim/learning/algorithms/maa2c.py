@@ -13,11 +13,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from robosim.control.network import MOST_OUTPUTS, NetworkSpec, blocked_combinations
+from robosim.control.network import NetworkSpec, blocked_combinations
 from robosim.discretise.observation import blocked_moves
 from robosim.errors import InputError
 from robosim.learning.algorithms.actor_critic import NEVER, ActorCriticConfig, AdvantageActorCritic, Floats
-from robosim.learning.algorithms.joint import as_one, experience_as_one, split_actions
+from robosim.learning.algorithms.joint import as_one, experience_as_one, most_robots, split_actions
 from robosim.learning.algorithms.protocol import Actors, Experience, Task
 
 
@@ -73,7 +73,7 @@ class MaA2c(AdvantageActorCritic):
 
 
 def _require_few(task: Task) -> None:
-    most = int(np.log(MOST_OUTPUTS + 0.5) / np.log(task.num_actions))
+    most = most_robots(task.num_actions)
     if task.robots > most:
         raise InputError(
             f'robots is {task.robots}, but must be at most {most} for the algorithm "maa2c": one actor for '

@@ -7,16 +7,17 @@ an update of eight costs hundreds of times one of three. docs/algorithms.md has 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.control.network import MOST_OUTPUTS, NetworkSpec
+from robosim.control.network import NetworkSpec
 from robosim.errors import InputError, shown
 from robosim.learning.algorithms.dqn.algorithm import DoubleDqn
 from robosim.learning.algorithms.dqn.config import DoubleQConfig, DqnConfig
-from robosim.learning.algorithms.joint import as_one, experience_as_one, split_actions
+from robosim.learning.algorithms.joint import as_one, experience_as_one, most_robots, split_actions
 from robosim.learning.algorithms.protocol import Actors, Experience, Task
 
 
@@ -51,23 +52,16 @@ class JointDqn(DoubleDqn):
         self, config: MadqnConfig, task: Task, seed: np.random.SeedSequence, start: Actors | None = None
     ) -> None:
         """InputError when there are too many combinations, or too little memory."""
-        combinations = task.num_actions**task.robots
-        if combinations > MOST_OUTPUTS:
+        most = most_robots(task.num_actions)
+        if task.robots > most:
             raise InputError(
-                f"robots is {task.robots}, but must be at most {_most_robots(task.num_actions)} for the "
+                f"robots is {task.robots}, but must be at most {most} for the "
                 f'algorithm "madqn": its network has an output for each of the {task.num_actions} ** '
                 f"{task.robots} combinations of the robots' actions."
             )
         self._digits = (task.num_actions,) * task.robots
-        team = Task(
-            robots=1,
-            num_envs=task.num_envs,
-            names=task.names * task.robots,
-            num_actions=combinations,
-            actions=task.actions,
-            decisions=task.decisions,
-            explores=task.explores,
-        )
+        combinations = task.num_actions**task.robots
+        team = replace(task, robots=1, names=task.names * task.robots, num_actions=combinations)
         common = {name: getattr(config, name) for name in DoubleQConfig.model_fields if name != "name"}
         super().__init__(DqnConfig(**common), team, seed, start)
 
@@ -89,7 +83,3 @@ class JointDqn(DoubleDqn):
             of_robot=(0,) * len(self._digits),
         )
         return Actors(spec, self.learner.parameters.to_numpy())
-
-
-def _most_robots(num_actions: int) -> int:
-    return int(np.log(MOST_OUTPUTS) / np.log(num_actions))

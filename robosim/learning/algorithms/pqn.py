@@ -80,7 +80,9 @@ class Pqn:
         self._rollout: list[Experience] = []
 
     def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
-        epsilons = self.config.epsilons(self._epsilon(progress), len(observation))[:, None]
+        epsilons = self.config.epsilons(self.config.epsilon_in(self.task, progress), len(observation))[
+            :, None
+        ]
         return epsilon_greedy(
             self._explore, self.networks.values, observation, epsilons, self.task.num_actions, self._gains
         )
@@ -118,7 +120,7 @@ class Pqn:
                     self._optimiser.step()
                     losses.append(loss.mean().item())
         return {
-            "epsilon": self._epsilon(progress),
+            "epsilon": self.config.epsilon_in(self.task, progress),
             "learning_rate": rate,
             "loss": float(np.mean(losses)),
             "gradient_norm": float(np.mean(norms)),
@@ -172,9 +174,6 @@ class Pqn:
         self._rollout = restored_rollout(tensors)
         self._explore.bit_generator.state = facts["explore"]
         self._shuffle.bit_generator.state = facts["shuffle"]
-
-    def _epsilon(self, progress: float) -> float:
-        return self.config.epsilon(progress) if self.task.explores else self.config.epsilon_end
 
 
 def lambda_targets(

@@ -52,8 +52,8 @@ class MaskConfig(LearnerConfig):
     """Base of those whose robots may be kept from blocked moves."""
 
     mask: bool = False
-    """Moves that end at a wall or lead away from both goals are not chosen, where actions are cardinal and
-    observations hold the gains of moves."""
+    """Moves that end at a wall or lead away from both goals are not chosen, where observations hold the gains
+    of moves."""
 
     def own_networks(self, task: Task, output: Output) -> NetworkSpec:
         """Return what networks are by which each robot acts on its own observation, with ReLU."""

@@ -42,6 +42,10 @@ class ValueConfig(LearnerConfig):
         explored = 1.0 if self.exploration == 0.0 else min(1.0, progress / self.exploration)
         return self.epsilon_start + (self.epsilon_end - self.epsilon_start) * explored
 
+    def epsilon_in(self, task: Task, progress: float) -> float:
+        """Return the share of random actions at `progress` of a stage that may not explore anew."""
+        return self.epsilon(progress) if task.explores else self.epsilon_end
+
     def epsilons(self, epsilon: float, num_envs: int) -> NDArray[np.float64]:
         """Return the share of random actions in each environment, [envs], from that of the first.
 

@@ -36,7 +36,7 @@ class DoubleDqn(ReplayMemory):
 
     def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
         envs, robots = observation.shape[:2]
-        epsilons = self.config.epsilons(self._epsilon(progress), envs)[:, None]
+        epsilons = self.config.epsilons(self.config.epsilon_in(self.task, progress), envs)[:, None]
         if not self.config.shares_parameters:
             return self.learner.act(observation, epsilons)
         each = np.repeat(epsilons, robots, axis=0)
@@ -58,7 +58,7 @@ class DoubleDqn(ReplayMemory):
         while self.replay.length and learner.updates < due:
             learner.update(rate)
         return {
-            "epsilon": self._epsilon(progress),
+            "epsilon": self.config.epsilon_in(self.task, progress),
             "learning_rate": rate,
             "loss": float(learner.loss().mean()),
         }
@@ -77,9 +77,6 @@ class DoubleDqn(ReplayMemory):
         self.learner.restore(part(tensors, "learner."), facts["learner"])
         self._returns.restore({name: tensor.numpy() for name, tensor in part(tensors, "open.").items()})
         self._decisions = int(facts["decisions"])
-
-    def _epsilon(self, progress: float) -> float:
-        return self.config.epsilon(progress) if self.task.explores else self.config.epsilon_end
 
 
 def make_learner(config: DqnConfig, task: Task, seed: np.random.SeedSequence) -> StackedDoubleDQN:

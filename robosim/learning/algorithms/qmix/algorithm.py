@@ -62,7 +62,9 @@ class Qmix(JointReplay):
         """Of the latest batch."""
 
     def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
-        epsilons = self.config.epsilons(self._epsilon(progress), len(observation))[:, None]
+        epsilons = self.config.epsilons(self.config.epsilon_in(self.task, progress), len(observation))[
+            :, None
+        ]
         return epsilon_greedy(
             self._choose, self.networks.values, observation, epsilons, self.task.num_actions, self._gains
         )
@@ -74,7 +76,11 @@ class Qmix(JointReplay):
         with denormals_flushed():
             while self._is_due():
                 self._step()
-        return {"epsilon": self._epsilon(progress), "learning_rate": rate, "loss": self._loss.item()}
+        return {
+            "epsilon": self.config.epsilon_in(self.task, progress),
+            "learning_rate": rate,
+            "loss": self._loss.item(),
+        }
 
     def _step(self) -> None:
         loss = self.loss(self._next_batch())
@@ -124,9 +130,6 @@ class Qmix(JointReplay):
             for i, one in enumerate(self._targets):
                 one.copy_(state.tensors[f"target.{i}"])
         self._loss = state.tensors["loss"].clone()
-
-    def _epsilon(self, progress: float) -> float:
-        return self.config.epsilon(progress) if self.task.explores else self.config.epsilon_end
 
 
 def _state(observations: Tensor) -> Tensor:
