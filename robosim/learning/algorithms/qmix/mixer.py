@@ -21,7 +21,9 @@ class MonotonicMixer(nn.Module):
     """A network that never falls as a robot's value grows (QMIX, Rashid 2018).
 
     Its weights are the absolute values of what other networks, the hypernetworks, make of the state: two
-    layers each, as in PyMARL2 and EPyMARL.
+    layers each, as in PyMARL2 and EPyMARL. Unlike there, they see the state brought to mean 0 and variance 1.
+    The value of a state beyond all that was learned from, such as where an episode is cut off, is then
+    bounded; without that, it grew without end where learning looks past the cut-off (docs/validation.md).
     """
 
     def __init__(
@@ -36,6 +38,7 @@ class MonotonicMixer(nn.Module):
         _draw(self, np.random.default_rng(seed))
 
     def forward(self, values: Tensor, state: Tensor) -> Tensor:
+        state = nn.functional.layer_norm(state, state.shape[-1:])
         weight_in = self.weight_in(state).abs().view(-1, self._robots, self._width)
         hidden = torch.bmm(values.T[:, None], weight_in)[:, 0] + self.bias_in(state)
         mixed = (nn.functional.elu(hidden) * self.weight_out(state).abs()).sum(dim=1)

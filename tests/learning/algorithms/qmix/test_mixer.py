@@ -17,6 +17,7 @@ def mixer(seed=0, robots=3, size=4, scale=1.0):
 def plain(made, values, state):
     """The mixer as in the paper, for one team at one moment, in numpy."""
     layers = {name: one.detach().double().numpy() for name, one in made.named_parameters()}
+    state = (state - state.mean()) / np.sqrt(state.var() + 1e-5)
 
     def network(name):
         hidden = np.maximum(layers[f"{name}.0.weight"] @ state + layers[f"{name}.0.bias"], 0)
@@ -56,6 +57,15 @@ def test_the_team_s_value_never_falls_as_a_robot_s_value_grows(seed, robots, sca
     with torch.no_grad():
         before, after = made(values, state), made(more, state)
     assert (after >= before - 1e-9 * (1 + before.abs())).all()
+
+
+def test_the_value_of_states_far_beyond_all_others_does_not_grow():
+    made, rng = mixer(), np.random.default_rng(0)
+    values = torch.from_numpy(rng.normal(size=(3, 20))).float()
+    state = torch.from_numpy(rng.normal(size=(20, 4))).float()
+    with torch.no_grad():
+        near, far = made(values, state), made(values, 1e4 * state)
+    np.testing.assert_allclose(far, near, rtol=1e-3, atol=1e-3)
 
 
 def test_a_sum_is_a_sum():
