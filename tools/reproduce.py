@@ -32,6 +32,8 @@ IMAGES = ROOT / "docs" / "images"
 PAGE = ROOT / "docs" / "results.md"
 RUNS = Path("runs")
 READING = RESULTS / "reading.md"
+INTERRUPTED = 130
+"""Exit code of a command that was stopped."""
 
 INTRODUCTION = """\
 # Results
@@ -105,7 +107,14 @@ def there() -> list[Section]:
 
 
 def robosim(*arguments: str) -> int:
-    return subprocess.run([sys.executable, "-m", "robosim", *arguments], check=False).returncode
+    """Run a command of robosim to its end; return its exit code."""
+    with subprocess.Popen([sys.executable, "-m", "robosim", *arguments]) as process:
+        while True:
+            try:
+                return process.wait()
+            except KeyboardInterrupt:
+                # It has been interrupted as well, and ends once its runs are saved.
+                continue
 
 
 def run(names: Sequence[str], extra: Sequence[str]) -> int:
@@ -122,7 +131,10 @@ def run(names: Sequence[str], extra: Sequence[str]) -> int:
             continue
         print(f"== {section.name}", flush=True)
         out = ("--out", str(RUNS / section.name), "--results", str(results_file(section.name)))
-        worst = max(worst, robosim("sweep", str(sweep_file(section.name)), *out, *extra))
+        code = robosim("sweep", str(sweep_file(section.name)), *out, *extra)
+        worst = max(worst, code)
+        if code == INTERRUPTED:
+            break
     return worst
 
 

@@ -45,6 +45,11 @@ class Compare:
 
         if not self.runs:
             raise InputError("compare needs runs: give run folders, results of sweeps or evaluations.")
+        if self.json is not None and self.marl_eval is not None and _same(self.json, self.marl_eval):
+            raise InputError(
+                f"--json and --marl-eval are both {self.json}, but must be two files: one would replace "
+                "the other."
+            )
         for path in (self.json, self.marl_eval):
             if path is not None:
                 require_writable(path)
@@ -84,6 +89,10 @@ class Compare:
                 (part / f"{name}.svg").write_bytes(figure.svg)
             names = sorted(path.stem for path in part.glob("*.png"))
         print(f"written: {folder} ({', '.join(names)})")
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve()
 
 
 def lines_of(comparison: Comparison) -> list[str]:

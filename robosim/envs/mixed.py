@@ -98,14 +98,13 @@ class MixedVectorEnv:
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Return to a moment, exact to the last bit, by running to it again; returns the observations.
 
-        Raises InputError for a snapshot of another batch.
+        Raises InputError for a snapshot of another batch: the seeds say how many robots are where.
         """
         snapshot.require_size(self.num_envs, 1)
-        if len(snapshot.seeds) != self.joint_decisions:
+        if tuple(snapshot.seeds) != tuple(self.seeds):
             raise InputError(
-                f"snapshot: it holds {len(snapshot.seeds)} seeds, this batch has {self.joint_decisions}."
+                "snapshot: it is of other seeds than this batch, and seeds say how many robots are where."
             )
-        self.seeds = snapshot.seeds
         self.groups = []
         return self._begin(snapshot.episode, snapshot.actions[..., 0])
 

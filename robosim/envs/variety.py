@@ -68,8 +68,7 @@ class VarietyConfig(Record):
         """Return the text or name of each group's arena in an episode; equal arguments give equal arenas."""
         times = episode // self.redraw if self.redraw else 0
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(times,)))
-        share = self.random_share if self.arenas else 1.0
-        drawn = round(groups * share) if self.random_arenas else 0
+        drawn = self._random_groups(groups)
         listed = [
             self.arenas[int(place)]
             for _ in range(-(-groups // max(1, len(self.arenas))))
@@ -79,6 +78,15 @@ class VarietyConfig(Record):
         chosen = [random_arena(self.arena_seed + int(number)) for number in numbers]
         chosen += listed[: groups - drawn]
         return [chosen[int(place)] for place in rng.permutation(groups)]
+
+    def _random_groups(self, groups: int) -> int:
+        """Return how many groups are in random arenas; a share between 0 and 1 leaves one for each kind."""
+        share = self.random_share if self.arenas else 1.0
+        if not self.random_arenas or share == 0.0:
+            return 0
+        if share == 1.0 or groups == 1:
+            return round(groups * share)
+        return min(groups - 1, max(1, round(groups * share)))
 
 
 def require_alike(arena: Arena, base: Arena, robots: int) -> None:

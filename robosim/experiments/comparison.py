@@ -73,7 +73,8 @@ class Overall:
     optimality_gap: Estimate | None
     """How far runs stay below the baseline; those above it count as equal. None where fewer is better."""
     improvement: Estimate | None
-    """Probability of improvement over the baseline, the mean over tasks; None for the baseline itself."""
+    """Probability of improvement over the baseline, the mean over the tasks in which it is another system;
+    None where it is the baseline in all of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,9 +217,10 @@ def _overall(
 ) -> Overall:
     values = [np.array(task) for task in normalised[system]]
     better = None
-    if any(table.baseline != system for table in tables):
-        ours = [scores[table.task, system] for table in tables]
-        theirs = [scores[table.task, str(table.baseline)] for table in tables]
+    # A system that is the baseline of a task has nobody to be better than there.
+    if others := [table for table in tables if table.baseline != system]:
+        ours = [scores[table.task, system] for table in others]
+        theirs = [scores[table.task, str(table.baseline)] for table in others]
         better = _improvement(ours, theirs, metric)
     gap = None if metric in FEWER_IS_BETTER else estimate(optimality_gap, values)
     return Overall(

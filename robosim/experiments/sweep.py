@@ -49,7 +49,8 @@ class Where(_Table):
     """What other runs than the rest take, or that they are not run."""
 
     match: dict[str, Any] = Field(max_length=100)
-    """A value, or a list of values, for each name: runs that have one of them in all of these names match."""
+    """A value, or a list of values, for each name: runs that have one of them in all of these names match;
+    without any name, all do."""
     options: dict[str, Any] = Field(default={}, max_length=200)
     """What they take as well."""
     trials: Many[dict[str, Any]] = Field(default=(), max_length=_MOST_VALUES)

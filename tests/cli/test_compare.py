@@ -95,6 +95,13 @@ def test_wrong_input_is_a_sentence_and_leaves_nothing(given, tmp_path, capsys):
             [*given, "--metric", "gini"],
             '--metric: no run has a figure "gini": known names are pellets, touches.',
         ),
+        (
+            [*given, "--marl-eval", str(tmp_path / "out.json")],
+            (
+                f"--json and --marl-eval are both {tmp_path / 'out.json'}, but must be two files: one would "
+                "replace the other."
+            ),
+        ),
         ([*given, "--baseline", "lane"], '--baseline: no run is of "lane": did you mean lanes?'),
         (
             [*given, "--figures", str(tmp_path / "full")],

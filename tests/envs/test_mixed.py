@@ -163,8 +163,17 @@ def test_what_does_not_fit_is_one_sentence(tmp_path: Any) -> None:
     env.reset()
     with pytest.raises(InputError, match=r"must be whole numbers from 0 to 4"):
         env.step(np.zeros((env.num_envs, 2), int))
-    with pytest.raises(InputError, match="it holds 3 seeds, this batch has 8"):
-        env.restore(Snapshot((1, 2, 3), 0, np.zeros((0, env.num_envs, 1), np.uint8)))
+    nothing = np.zeros((0, env.num_envs, 1), np.uint8)
+    for seeds in ((1, 2, 3), tuple(seed + 1 for seed in env.seeds)):
+        with pytest.raises(InputError, match="snapshot: it is of other seeds than this batch, and seeds say"):
+            env.restore(Snapshot(seeds, 0, nothing))
+
+
+@pytest.mark.parametrize(("share", "random"), [(0.0, 0), (0.01, 1), (0.5, 4), (0.99, 7), (1.0, 8)])
+def test_a_small_share_of_random_arenas_is_not_rounded_away(share: float, random: int) -> None:
+    variety = VarietyConfig(arenas=("paper",), random_arenas=5, random_share=share)
+    drawn = variety.draw(8, (1, 2), 0)
+    assert len(drawn) - drawn.count("paper") == random
 
 
 @pytest.mark.parametrize(

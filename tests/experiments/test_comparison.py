@@ -77,7 +77,14 @@ def test_without_the_reference_the_best_of_each_task_is_the_baseline():
         "a": pytest.approx((5 / 6 + 1) / 2),
         "b": pytest.approx((1 + 6 / 9) / 2),
     }
-    assert {one.system: one.improvement.value for one in comparison.overall} == {"a": 0.25, "b": 0.25}
+    assert {one.system: one.improvement.value for one in comparison.overall} == {"a": 0.0, "b": 0.0}
+
+
+def test_a_system_that_is_the_baseline_in_every_task_is_better_than_nobody():
+    given = (
+        runs("a", [1.0] * 3) + runs("b", [9.0] * 3) + runs("a", [1.0] * 3, FOUR) + runs("b", [9.0] * 3, FOUR)
+    )
+    assert [one.improvement for one in compare(given).overall if one.system == "b"] == [None]
 
 
 def test_over_all_tasks_the_best_comes_first():
