@@ -3,6 +3,7 @@
     python tools/reproduce.py plan             what there is to run, what is done, how long the rest takes
     python tools/reproduce.py run [NAME ...] [--only robots=8] [--workers 2]
     python tools/reproduce.py write            the page and its figures, from the records there are
+    python tools/reproduce.py pictures         draw a clog and no clog, from teams that ship
     python tools/reproduce.py --quick          a small comparison from nothing, within ten minutes
 
 Stopped with Ctrl-C, `run` goes on where it was. Records lie beside the sweeps, a line for each run.
@@ -17,6 +18,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from robosim.analysis.figures.moments import Moment, save_moments
+from robosim.control.controller import make_controller
+from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError, nearest_names, shown
 from robosim.experiments.compare_figures import draw_comparison
 from robosim.experiments.comparison import compare
@@ -76,6 +80,20 @@ WORK = {
     "bucket_brigade": "Share of the episodes that it calls Bucket-Brigade.",
     "clogged_share": "Share of the time in which the tunnel was clogged.",
 }
+CLOG_PICTURE = IMAGES / "results-clog.png"
+CLOG_TEAMS = (("paper-2", 1500), ("paper-8-smadrl", 1500))
+"""Policies that ship, each to drive eight robots, and the decision at which the picture is taken."""
+CLOG_LINES = """\
+## A clog, and none
+
+Eight robots in the arena `paper`, in physics, episode of seed 0. Above, the network of `paper-2`, which
+learned with two robots: those that carry a pellet block each other before the tunnel, and stay there. Below,
+`paper-8-smadrl`, whose robots learned with each other.
+
+    python tools/reproduce.py pictures
+
+![Eight robots jammed in the tunnel, and eight that are not](images/results-clog.png)
+"""
 CURVES = ("learning-curves", "pellets", "lorenz", "team-size", "profiles")
 SECTIONS = (
     Section("grid", "In the grid world", True, CURVES, (2, 4, 8), TOUCHES | WORK),
@@ -145,6 +163,8 @@ def plan(names: Sequence[str]) -> int:
 def write() -> None:
     """Write the page and its figures."""
     lines = [INTRODUCTION, INTERVALS, *reading()]
+    if CLOG_PICTURE.exists():
+        lines += [CLOG_LINES]
     for section in there():
         lines += [f"## {section.title}", "", *section_lines(section)]
     PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
@@ -219,6 +239,22 @@ def drawn(section: Section, run: Run) -> bool:
     return not section.drawn or run.task.robots in section.drawn
 
 
+def pictures() -> None:
+    """Draw where the robots are after some time, in a team that jams and in one that does not."""
+    moments = []
+    for name, decisions in CLOG_TEAMS:
+        env = VectorEnv("paper", robots=8, episode_steps=decisions, autoreset=False)
+        controller = make_controller(name)
+        observation = env.reset(seed=0)
+        controller.reset(env)
+        for _ in range(decisions):
+            observation = env.step(controller.act(env, observation)).final_observation
+        title = f"{name}: {int(env.delivered.sum())} pellets in {decisions} decisions"
+        moments.append(Moment.of(env.frame(), env.arena, title))
+    save_moments(moments, CLOG_PICTURE)
+    print(CLOG_PICTURE)
+
+
 def quick() -> int:
     """Run a small comparison from nothing and print its table."""
     code = robosim(
@@ -237,7 +273,7 @@ def quick() -> int:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("what", nargs="?", choices=("plan", "run", "write"))
+    parser.add_argument("what", nargs="?", choices=("plan", "run", "write", "pictures"))
     parser.add_argument("names", nargs="*", help="sweeps by name; all by default")
     parser.add_argument("--only", default=None)
     parser.add_argument("--workers", type=int, default=None)
@@ -252,8 +288,8 @@ def main() -> int:
         return plan(options.names)
     if options.what == "run":
         return run(options.names, [*extra, "--no-keep-runs"])
-    if options.what == "write":
-        write()
+    if options.what in {"write", "pictures"}:
+        (write if options.what == "write" else pictures)()
         return 0
     parser.print_help()
     return 2

@@ -13,6 +13,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon
+from numpy.typing import NDArray
 
 from robosim.analysis.figures.rendering import palette_png
 from robosim.arena.model import Arena, Zone
@@ -27,8 +28,8 @@ _ZONE_COLOURS = {
     Zone.SOURCE: "#f7ddb0",
     Zone.TUNNEL: "#e4e4e0",
 }
-_ROBOT_COLOUR = "#2b6cb0"
-_PELLET_COLOUR = "#9c5a1a"
+ROBOT_COLOUR = "#2b6cb0"
+PELLET_COLOUR = "#9c5a1a"
 
 _WIDTH, _LEFT, _RIGHT, _TITLE, _AXIS, _LEGEND = 11.0, 0.5, 0.15, 0.4, 0.3, 0.4
 """Of the picture and its margins, inches."""
@@ -69,7 +70,7 @@ def _gallery(arenas: Sequence[Arena]) -> Figure:
         left = (column + 0.5) * cell - 0.5 * width
         bottom = total - row * (cell + _TITLE) - _TITLE - 0.5 * (cell + height)
         axes = figure.add_axes((left / _WIDTH, bottom / total, width / _WIDTH, height / total))
-        _draw_zones(axes, arena)
+        draw_zones(axes, arena)
         axes.set_axis_off()
         axes.set_title(arena.name, fontsize=10)
     return figure
@@ -96,7 +97,8 @@ def _picture(arenas: Sequence[Arena]) -> Figure:
     return figure
 
 
-def _draw_zones(axes: Axes, arena: Arena) -> None:
+def draw_zones(axes: Axes, arena: Arena) -> None:
+    """Draw what the cells of an arena are."""
     width, height = arena.size
     axes.imshow(
         arena.zones,
@@ -109,20 +111,30 @@ def _draw_zones(axes: Axes, arena: Arena) -> None:
     )
 
 
-def _draw(axes: Axes, arena: Arena) -> None:
-    width, height = arena.size
-    _draw_zones(axes, arena)
-    taken = np.random.default_rng(0).permutation(len(arena.pellet_places))[: arena.pellets.count]
-    pellets = [Circle((x, y), arena.pellets.radius) for x, y in arena.pellet_places[taken]]
-    axes.add_collection(PatchCollection(pellets, facecolor=_PELLET_COLOUR, linewidth=0))
-    headings = [pose[2] for pose in arena.start.poses] or [0.0] * arena.capacity
+def draw_pellets(axes: Axes, arena: Arena, places: NDArray[np.float64]) -> None:
+    """Draw pellets at [pellets, 2] m."""
+    pellets = [Circle((x, y), arena.pellets.radius) for x, y in places]
+    axes.add_collection(PatchCollection(pellets, facecolor=PELLET_COLOUR, linewidth=0))
+
+
+def draw_robots(axes: Axes, arena: Arena, poses: NDArray[np.float64], colour: str) -> None:
+    """Draw robots at [robots, 3] x m, y m, heading rad; a white line points ahead."""
     robots, noses = [], []
-    for (x, y), heading in zip(arena.start_places, headings, strict=True):
+    for x, y, heading in poses:
         robots.append(Polygon(placed(body_outline(arena.robot), (x, y, heading))))
         reach = 0.5 * arena.robot.length
         noses.append([(x, y), (x + reach * math.cos(heading), y + reach * math.sin(heading))])
-    axes.add_collection(PatchCollection(robots, facecolor=_ROBOT_COLOUR, linewidth=0))
+    axes.add_collection(PatchCollection(robots, facecolor=colour, linewidth=0))
     axes.add_collection(LineCollection(noses, color="white", linewidth=0.8))
+
+
+def _draw(axes: Axes, arena: Arena) -> None:
+    width, height = arena.size
+    draw_zones(axes, arena)
+    taken = np.random.default_rng(0).permutation(len(arena.pellet_places))[: arena.pellets.count]
+    draw_pellets(axes, arena, arena.pellet_places[taken])
+    headings = [pose[2] for pose in arena.start.poses] or [0.0] * arena.capacity
+    draw_robots(axes, arena, np.column_stack([arena.start_places, headings]), ROBOT_COLOUR)
     axes.set_title(
         f"{arena.name}: {width:.2f} x {height:.2f} m, room for {arena.capacity} robots",
         loc="left",
@@ -143,7 +155,7 @@ def _explain(figure: Figure) -> None:
     ]
     discs = [
         Line2D([], [], marker="o", linestyle="", color=colour, markersize=size, label=label)
-        for label, colour, size in (("robot", _ROBOT_COLOUR, 9), ("pellet", _PELLET_COLOUR, 5))
+        for label, colour, size in (("robot", ROBOT_COLOUR, 9), ("pellet", PELLET_COLOUR, 5))
     ]
     figure.legend(
         handles=[*zones, *discs],

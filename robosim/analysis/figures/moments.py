@@ -1,0 +1,89 @@
+"""Pictures of a team at one moment of an episode, as PNG."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from robosim.analysis.figures.arenas import (
+    PELLET_COLOUR,
+    ROBOT_COLOUR,
+    draw_pellets,
+    draw_robots,
+    draw_zones,
+)
+from robosim.analysis.figures.rendering import palette_png
+from robosim.arena.model import Arena
+from robosim.episodes.frame import Frame
+from robosim.files import write_whole
+from robosim.world.state import LOOSE
+
+_LADEN_COLOUR = "#c0392b"
+_WIDTH, _TITLE, _LEGEND, _GAP = 9.0, 0.35, 0.35, 0.1
+"""Inches."""
+_DPI, _COLOURS = 110, 64
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Where robots and pellets are."""
+
+    title: str
+    arena: Arena
+    poses: NDArray[np.float64]
+    """[robots, 3] x m, y m, heading rad."""
+    laden: NDArray[np.bool_]
+    """[robots] holds a pellet."""
+    pellets: NDArray[np.float64]
+    """[pellets, 2] m, those that lie somewhere."""
+
+    @classmethod
+    def of(cls, frame: Frame, arena: Arena, title: str) -> Moment:
+        """Return the moment of a frame, copied."""
+        loose = frame.pellets[frame.pellet_status == LOOSE]
+        return cls(title, arena, frame.pose.copy(), frame.laden.copy(), loose.copy())
+
+
+def save_moments(moments: Sequence[Moment], path: Path) -> None:
+    """Draw moments below each other, robots that hold a pellet in red.
+
+    InputError where the file cannot be written.
+    """
+    heights = [_WIDTH * one.arena.size[1] / one.arena.size[0] for one in moments]
+    total = sum(heights) + len(moments) * (_TITLE + _GAP) + _LEGEND
+    figure = Figure(figsize=(_WIDTH, total), dpi=_DPI)
+    top = total
+    for one, height in zip(moments, heights, strict=True):
+        top -= _TITLE + height
+        axes = figure.add_axes((0.01, top / total, 0.98, height / total))
+        draw_zones(axes, one.arena)
+        draw_pellets(axes, one.arena, one.pellets)
+        draw_robots(axes, one.arena, one.poses[~one.laden], ROBOT_COLOUR)
+        draw_robots(axes, one.arena, one.poses[one.laden], _LADEN_COLOUR)
+        axes.set_title(one.title, loc="left", fontsize=10)
+        axes.set_xlim(0.0, one.arena.size[0])
+        axes.set_ylim(0.0, one.arena.size[1])
+        axes.set_xticks([])
+        axes.set_yticks([])
+        top -= _GAP
+    figure.legend(
+        handles=[
+            Line2D([], [], marker="o", linestyle="", color=colour, markersize=size, label=label)
+            for label, colour, size in (
+                ("robot", ROBOT_COLOUR, 9),
+                ("robot with a pellet", _LADEN_COLOUR, 9),
+                ("pellet", PELLET_COLOUR, 4),
+            )
+        ],
+        loc="lower left",
+        ncols=3,
+        frameon=False,
+        fontsize=9,
+    )
+    write_whole(path, palette_png(figure, _COLOURS))
