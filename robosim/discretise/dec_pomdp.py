@@ -54,7 +54,9 @@ class DecPomdp:
         self.collisions = np.zeros(shape, dtype=np.int64)
         """[envs, robots] collisions noticed since the last change of mode."""
         self.in_place = np.zeros(shape, dtype=np.int64)
-        """[envs, robots] decisions without displacement, for whatever reason."""
+        """[envs, robots] decisions in place, for whatever reason (`_stay`)."""
+        self._left = np.zeros((*shape, 2))
+        """[envs, robots, 2] m, where robots that drive themselves were when it was 0 last."""
         self.previous_action = np.full(shape, STOP, dtype=np.int64)
         self.density = np.zeros(num_envs)
         """[envs] robots in the tunnel per cell of its length, in truth."""
@@ -81,6 +83,7 @@ class DecPomdp:
         self.truth.reset(state)
         self._sensor.reset(seeds)
         self._sense(state)
+        self._left = self._seen.position.copy()
         self.shown_mode = self.mode.copy()
 
     def gripper_commands(self) -> NDArray[np.int8]:
@@ -119,11 +122,26 @@ class DecPomdp:
 
     def _notice(self, actions: NDArray[np.int64], motion: Motion, collided: Bools, blocked: Bools) -> None:
         """Bring up to date what the robots know of themselves, and leave their marks in the pheromone map."""
-        self.in_place = (self.in_place + 1) * motion.displaced_little
+        self.in_place = (self.in_place + 1) * self._stay(motion)
         self.shown_mode = np.where(blocked, COLLISION, self.mode)
         self.collisions = self.collisions * (self.mode == self._was_mode) + collided
         self.previous_action = actions.copy()
         self.pheromone.update(self._seen.cell, self.shown_mode, self._percept.laden, actions)
+
+    def _stay(self, motion: Motion) -> Bools:
+        """Return who is still in place, [envs, robots].
+
+        That is who was hardly displaced; with wheel actions, who is within a cell's length of where it
+        began to count: two wheels drive a robot to and fro over a few centimetres for good, and it would
+        count from 0 with each such move.
+        """
+        if not self.layout.own_frame:
+            return motion.displaced_little
+        position = self._seen.position
+        apart = position - self._left
+        near: Bools = (apart * apart).sum(axis=-1) < self.grid.cell_size**2
+        self._left = np.where(near[..., None], self._left, position)
+        return near
 
     def observe(self) -> NDArray[np.float32]:
         """Return the observations [envs, robots, size] in a fresh array."""

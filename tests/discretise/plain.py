@@ -119,6 +119,7 @@ class PlainRobot:
         self.collisions = self.nearest = self.in_place = 0
         self.action = STOP
         self.pose = (0.0, 0.0, 0.0)
+        self.left = (0.0, 0.0)
         self.cell = (0, 0)
         self.to_home = self.to_source = 0.0
 
@@ -136,6 +137,8 @@ class PlainDecPomdp:
         self.to_goal: dict[tuple[int, int], list[float]] = {}
         self.farthest = float(self.arena.distances.raster.max())
         self._look(run.start)
+        for robot in self.robots:
+            robot.left = robot.pose[:2]
 
     def _look(self, moment: Any) -> None:
         size = self.arena.cell_size
@@ -171,7 +174,14 @@ class PlainDecPomdp:
             robot.action = int(moment.actions[env, index])
             displacement = math.hypot(robot.pose[0] - x, robot.pose[1] - y)
             turned = abs(math.remainder(robot.pose[2] - heading, 2.0 * math.pi))
-            robot.in_place = robot.in_place + 1 if displacement < 0.25 * top * period else 0
+            stands = displacement < 0.25 * top * period
+            if self.layout.actions != "cardinal" and self.layout.encoding == "expanded":
+                stays = math.dist(robot.pose[:2], robot.left) < arena.cell_size
+            else:
+                stays = stands
+            robot.in_place = robot.in_place + 1 if stays else 0
+            if not stays:
+                robot.left = robot.pose[:2]
             still = displacement < 0.25 * top * period and turned < 0.25 * arena.robot.top_turn_rate * period
             robot.blocked = robot.action != STOP and still and any(moment.touched[:, env, index])
             robot.collided = robot.action != STOP and bool(moment.touched[0, env, index])
@@ -179,7 +189,7 @@ class PlainDecPomdp:
             if robot.blocked:
                 robot.shown = COLLISION
             gain = to_home - robot.to_home if was_laden else to_source - robot.to_source
-            signals = robot.collided, was_laden, pickups[index], deliveries[index], robot.in_place > 0
+            signals = robot.collided, was_laden, pickups[index], deliveries[index], stands
             switches = {"signed": self.run.signed_distance, "idle_cost": self.run.idle_cost}
             rewards.append(reward_of(gain / (top * period), *signals, **switches))
         self.map.update([(robot.cell, robot.shown, robot.laden, robot.action) for robot in self.robots])
