@@ -94,7 +94,7 @@ learned with two robots: those that carry a pellet block each other before the t
 
 ![Eight robots jammed in the tunnel, and eight that are not](images/results-clog.png)
 """
-CURVES = ("learning-curves", "pellets", "lorenz", "team-size", "profiles")
+CURVES = ("learning-curves", "pellets", "lorenz", "team-size", "profiles", "touches")
 SECTIONS = (
     Section("grid", "In the grid world", True, CURVES, (2, 4, 8), TOUCHES | WORK),
     Section("physics", "In physics", True, CURVES, (2, 4, 8), TOUCHES | WORK),

@@ -12,7 +12,7 @@ from robosim.analysis.figures.rendering import Rendered, render
 from robosim.analysis.figures.style import look
 from robosim.analysis.measure.workload import lorenz_curve
 from robosim.experiments.comparison import FEWER_IS_BETTER, Comparison, Row
-from robosim.experiments.runs import Floats, Run, Task
+from robosim.experiments.runs import PELLETS, TOUCHES, Floats, Run, Task
 from robosim.experiments.statistics import Estimate, band, interquartile_mean, performance_profile
 
 CURVE_POINTS = 40
@@ -25,6 +25,7 @@ def draw_comparison(comparison: Comparison, runs: Sequence[Run]) -> Iterator[tup
     curves = [_panel(task, tasks, _learned(_runs_of(runs, task))) for task in tasks]
     by_then = [_panel(task, tasks, _delivered_by_then(_runs_of(runs, task))) for task in tasks]
     work = [_panel(task, tasks, _shares(_runs_of(runs, task))) for task in tasks if task.robots > 1]
+    touched = [_panel(task, tasks, _touches(_runs_of(runs, task))) for task in tasks if task.robots > 1]
     better = [_panel(table.task, tasks, _improvements(table.rows)) for table in comparison.tables]
     baselines = {table.baseline for table in comparison.tables if table.baseline is not None}
     reference = baselines.pop() if len(baselines) == 1 else None
@@ -43,6 +44,8 @@ def draw_comparison(comparison: Comparison, runs: Sequence[Run]) -> Iterator[tup
             yield "pellets", render(draw.cumulative_pellets(filled, systems))
         if filled := [panel for panel in work if panel.lines]:
             yield "lorenz", render(draw.lorenz_curves(filled, systems))
+        if filled := [panel for panel in touched if panel.lines]:
+            yield "touches", render(draw.pellets_against_touches(filled, systems))
 
 
 def _panel(task: Task, tasks: Sequence[Task], lines: Sequence[Line]) -> Panel:
@@ -101,6 +104,16 @@ def _shares(runs: dict[str, list[Run]]) -> list[Line]:
         if curves:
             mean = np.mean(curves, axis=0)
             lines.append(Line(name, mean[:, 0], mean[:, 1]))
+    return lines
+
+
+def _touches(runs: dict[str, list[Run]]) -> list[Line]:
+    """Return a point for each run, mean touches and mean pellets of its episodes, where both are known."""
+    lines = []
+    for name, own in runs.items():
+        scores = [(run.score(TOUCHES), run.score(PELLETS)) for run in own]
+        if known := [(x, y) for x, y in scores if x is not None and y is not None]:
+            lines.append(Line(name, *np.array(known).T))
     return lines
 
 

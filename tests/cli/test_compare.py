@@ -48,7 +48,7 @@ def test_everything_is_written_where_it_was_asked_for(given, tmp_path, capsys):
         "--marl-eval: paper-grid-300 leaves out iql+s, lanes, ps-dqn, since they lack runs of some tasks.",
         f"written: {tmp_path / 'out.json'}",
         f"written: {tmp_path / 'marl.json'}",
-        f"written: {out} (improvement, learning-curves, lorenz, pellets, profiles, team-size)",
+        f"written: {out} (improvement, learning-curves, lorenz, pellets, profiles, team-size, touches)",
     ]
     record = json.loads((tmp_path / "out.json").read_text())
     assert [table["task"]["robots"] for table in record["tables"]] == [2, 4]
@@ -57,7 +57,7 @@ def test_everything_is_written_where_it_was_asked_for(given, tmp_path, capsys):
     assert rows["iql+s"]["iqm"]["value"] == 6.0
     assert rows["ia2c"]["iqm"] == {"value": 1.5, "low": None, "high": None}
     assert list(json.loads((tmp_path / "marl.json").read_text())["paper-grid-300"]["4-robots"]) == ["ia2c"]
-    for name in ("improvement", "learning-curves", "lorenz", "pellets", "profiles", "team-size"):
+    for name in ("improvement", "learning-curves", "lorenz", "pellets", "profiles", "team-size", "touches"):
         assert image.imread(out / f"{name}.png").std() > 0.01
         assert max((out / f"{name}.{kind}").stat().st_size for kind in ("png", "svg")) < 300_000
     # The systems that have a learning curve, and no others.

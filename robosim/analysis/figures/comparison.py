@@ -149,6 +149,34 @@ def by_team_size(panels: Sequence[Panel], systems: Systems, metric: str) -> Figu
     return figure
 
 
+def pellets_against_touches(panels: Sequence[Panel], systems: Systems) -> Figure:
+    """Draw a point for each run, its touches and its pellets in an episode, a panel for each task."""
+    figure, grid = _grid(len(panels), 4 if len(panels) > 3 else len(panels), 2.2)
+    labelled: set[str] = set()
+    for axes, panel in zip(grid, panels, strict=True):
+        for line in panel.lines:
+            axes.plot(
+                line.x,
+                line.y,
+                color=systems.colour(line.name),
+                linestyle="",
+                marker=systems.marker(line.name),
+                markersize=4.0,
+                markeredgewidth=0.0,
+                alpha=0.8,
+                clip_on=False,
+                label=_once(line.name, labelled),
+            )
+        axes.set_title(panel.title)
+        axes.set_xscale("symlog", linthresh=10.0)
+        axes.set_xlim(left=0.0)
+        axes.set_ylim(bottom=0.0)
+    figure.supxlabel("touches per episode, summed over robots", fontsize=8.0)
+    figure.supylabel("pellets per episode", fontsize=8.0)
+    put_legend_above(figure, _legend_columns(systems.names, figure))
+    return figure
+
+
 def improvement(panels: Sequence[Panel], systems: Systems, baseline: str) -> Figure:
     """Draw the probability of improvement over the baseline with its interval, a panel for each task.
 
