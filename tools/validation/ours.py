@@ -26,6 +26,26 @@ METHODS: dict[str, tuple[str, int, Options]] = {
     "pqn": ("pqn", 32, {"parameters": "shared"}),
     "vdn": ("qmix", 8, {"mixer": "sum"}),
     "qmix": ("qmix", 8, {}),
+    # With what stable_baselines.py gives to its own, as far as both have it.
+    "dqn-alike": (
+        "dqn",
+        8,
+        {
+            "parameters": "shared",
+            "hidden": (256, 256),
+            "learning_rate": 6.3e-4,
+            "learning_rate_end": 1.0,
+            "return_steps": 1,
+            "reward_scale": 1.0,
+            "batch_size": 128,
+            "replay_capacity": 300_000,
+            "updates_per_step": 1.0,
+            "target_interval": 250,
+            "exploration": 0.12,
+            "epsilon_end": 0.1,
+            "epsilon_spread": 0.0,
+        },
+    ),
 }
 """Name of the algorithm, environments side by side, and options that differ from its defaults."""
 
