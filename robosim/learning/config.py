@@ -139,7 +139,7 @@ def run_config(technique: str = DEFAULT_TECHNIQUE, **options: Any) -> RunConfig:
     preset = find_technique(technique)
     algorithm = find_algorithm(preset.algorithm)()
     base = RunConfig(algorithm=algorithm, run=RunSettings(technique=technique))
-    return base.with_options(**{**preset.options, **options})
+    return base.with_options(**preset.options_with(options))
 
 
 def child_seed(seed: int, child: int) -> int:

@@ -20,10 +20,17 @@ class Technique:
     """By the short names of `run_config`: of the environment, of the algorithm, of the schedule."""
     about: str = ""
     """What it is, in a sentence."""
+    with_wheels: Mapping[str, Any] = field(default_factory=dict)
+    """Options besides, for teams that choose wheel speeds."""
 
     def changed(self, name: str, /, **options: Any) -> Technique:
         """Return a technique of that name with some options different."""
-        return Technique(name, self.algorithm, {**self.options, **options})
+        return Technique(name, self.algorithm, {**self.options, **options}, with_wheels=self.with_wheels)
+
+    def options_with(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return all options of a run for which `options` are asked for besides."""
+        wheels = options.get("actions", self.options.get("actions", "cardinal")) != "cardinal"
+        return {**self.options, **(self.with_wheels if wheels else {}), **options}
 
 
 _TEAM = {"reward": "global", "sharing": "split"}
@@ -32,6 +39,8 @@ _LOCAL = {"reward": "local", "signed_distance": True}
 """Each robot is paid for what it does itself, and losing ground costs what gaining it pays."""
 _SHARED = {**_LOCAL, "stigmergy": True, "idle_cost": True, "parameters": "shared", "mask": True}
 """All robots run one network, which does not choose blocked moves, and standing costs."""
+_FAR = {"discount": 0.98, "learning_rate": 3e-3}
+"""Wheels move a robot by little in a decision: it has to look further ahead (docs/wheels.md)."""
 _MANY = {"num_envs": 32}
 """What learns from its present policy's decisions alone wants much of them at a time (Yu 2022)."""
 
@@ -88,6 +97,7 @@ _OURS = (
             "fine_tune": 0.7,
         },
         "The paper's four ideas (own networks, stigmergy, team reward, curriculum) with our learner.",
+        _FAR,
     ),
     # Without the noise of what others earn, and with no pay for going to and fro.
     Technique("iql+s", "dqn", {**_LOCAL, "stigmergy": True}, "Own rewards, signed."),
@@ -97,6 +107,7 @@ _OURS = (
         "dqn",
         {**_SHARED, "normalisation": "rms"},
         "One network for all, normalised, which does not choose blocked moves.",
+        _FAR,
     ),
     Technique("ps-pqn", "pqn", {**_SHARED, **_MANY}, "The same without replay, by PQN."),
     Technique("ps-a2c", "ia2c", _SHARED, "The same with one actor and critic for all."),
