@@ -117,6 +117,11 @@ class RunConfig(Record):
         return self
 
     def _check_variety(self, variety: VarietyConfig) -> None:
+        if self.algorithm.needs_team:
+            raise ValueError(
+                f"algorithm is {shown(self.algorithm.name)}, which learns from the whole team at once, but "
+                "must be one whose robots learn each by itself with arenas or random_arenas"
+            )
         if not self.algorithm.shares_parameters:
             raise ValueError(
                 'parameters must be "shared" with arenas or random_arenas: one network drives all'

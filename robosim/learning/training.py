@@ -129,11 +129,6 @@ class Training:
             start = team if self.algorithm_config.shares_parameters else expanded(team)
         seed = np.random.SeedSequence(config.run.seed, spawn_key=(learner_seed,))
         self.algorithm = self.algorithm_config.build(task, seed, start)
-        if config.variety is not None and self.algorithm.actors().spec.input != "own":
-            raise InputError(
-                f"the algorithm {shown(config.algorithm.name)} has one network that sees a whole team of one "
-                "size: it cannot learn with arenas or random_arenas."
-            )
         self._saved = []
         self.log.begin_stage()
         self.loop = StageLoop(stage, budget, self.env, self.algorithm, frozen, self.log)

@@ -152,6 +152,25 @@ def test_variety_is_there_where_it_was_asked_for(tmp_path):
     ("technique", "options", "sentence"),
     [
         ("iql", {}, 'parameters must be "shared" with arenas or random_arenas: one network drives all.'),
+        *(
+            (
+                technique,
+                {},
+                (
+                    f'algorithm is "{algorithm}", which learns from the whole team at once, but must be one '
+                    "whose robots learn each by itself with arenas or random_arenas."
+                ),
+            )
+            for technique, algorithm in (
+                ("qmix", "qmix"),
+                ("vdn", "qmix"),
+                ("ps-mappo", "ppo"),
+                ("pqn-vdn", "pqn"),
+                ("madqn", "madqn"),
+                ("maa2c", "maa2c"),
+                ("maddpg", "maddpg"),
+            )
+        ),
         ("ps-dqn", {"num_envs": 7}, "num_envs is 7, but must be a multiple of envs_per_arena, 2."),
         ("ps-a2c", {"workers": 2}, "workers is 2, but must be 1 with arenas or random_arenas."),
         (

@@ -323,18 +323,6 @@ MIXED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("technique", ["madqn", "maa2c"])
-def test_a_network_that_sees_a_whole_team_is_refused_with_several_sizes_before_it_learns(tmp_path, technique):
-    options = {name: value for name, value in MIXED.items() if name != "updates_per_step"}
-    with pytest.raises(InputError) as caught:
-        run(tmp_path / "run", run_config(technique, hidden=(8,), **options))
-    assert str(caught.value) == (
-        f'the algorithm "{technique}" has one network that sees a whole team of one size: it cannot learn '
-        "with arenas or random_arenas."
-    )
-    assert not (tmp_path / "run").exists()
-
-
 def test_teams_of_several_sizes_are_resumed_to_the_same_bits_and_drive_any(tmp_path):
     config = short("ps-dqn", **MIXED)
     result, rows = run(tmp_path / "whole", config)

@@ -33,6 +33,10 @@ class MaA2cConfig(ActorCriticConfig):
     def shares_parameters(self) -> bool:
         return True
 
+    @property
+    def needs_team(self) -> bool:
+        return True
+
     def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> MaA2c:
         return MaA2c(self, task, seed, start)
 

@@ -62,6 +62,10 @@ class MaddpgConfig(MaskConfig, ReplayConfig):
         self.require_networks(spec, "own", "relu", "logits")
         return self.changed(mask=spec.mask)
 
+    @property
+    def needs_team(self) -> bool:
+        return True
+
     def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> Maddpg:
         return Maddpg(self, task, seed, start)
 

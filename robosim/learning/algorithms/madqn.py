@@ -41,6 +41,10 @@ class MadqnConfig(DoubleQConfig):
             )
         return self
 
+    @property
+    def needs_team(self) -> bool:
+        return True
+
     def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> JointDqn:
         return JointDqn(self, task, seed, start)
 

@@ -64,6 +64,10 @@ class PpoConfig(OwnActorsConfig):
     value_normalisation: bool = True
     """Critics predict returns less their running mean over their running deviation, those of each network."""
 
+    @property
+    def needs_team(self) -> bool:
+        return self.critic == "team"
+
     def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> Ppo:
         return Ppo(self, task, seed, start)
 

@@ -57,6 +57,10 @@ class PqnConfig(OwnValuesConfig):
     gradient_norm: float = Field(default=1.0, ge=1e-6, le=1e6)
     """Most that the gradient of a network may measure; longer ones are shortened."""
 
+    @property
+    def needs_team(self) -> bool:
+        return self.mixer != "none"
+
     def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> Pqn:
         return Pqn(self, task, seed, start)
 

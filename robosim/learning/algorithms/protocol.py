@@ -164,6 +164,11 @@ class AlgorithmConfig(Record):
         """Whether all robots run one network; then none can be frozen while others learn."""
         return False
 
+    @property
+    def needs_team(self) -> bool:
+        """Whether it learns from the whole team at once, as by a mixer, joint actions or a critic of all."""
+        return False
+
     def starting_from(self, spec: NetworkSpec) -> Self:
         """Return this configuration as networks of `spec`, from which a run is to start, need it.
 

@@ -33,6 +33,10 @@ class QmixConfig(OwnValuesConfig, DoubleQConfig):
     gradient_norm: float = Field(default=10.0, ge=1e-6, le=1e6)
     """Most that the gradient of all that learns may measure; a longer one is shortened."""
 
+    @property
+    def needs_team(self) -> bool:
+        return True
+
     def build(self, task: Task, seed: np.random.SeedSequence, start: Actors | None = None) -> Qmix:
         # Here, since reading a configuration must not load torch.
         from robosim.learning.algorithms.qmix.algorithm import Qmix
