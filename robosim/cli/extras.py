@@ -6,6 +6,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "train": ("torch", "tensorboard", "tomli_w"),
     "view": ("rerun",),
     "report": ("jinja2", "matplotlib", "PIL"),
+    "deploy": ("onnx", "onnxruntime"),
     "cluster": ("ray",),
 }
 """Modules that each extra of the package brings; pyarrow comes with `train` and with `report`."""

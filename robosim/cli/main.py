@@ -21,6 +21,7 @@ from robosim.cli.bench import Bench
 from robosim.cli.compare import Compare
 from robosim.cli.demo import Demo
 from robosim.cli.evaluate import Evaluate
+from robosim.cli.export import Export
 from robosim.cli.extras import missing_extra
 from robosim.cli.play import Play
 from robosim.cli.policy import Policy
@@ -32,7 +33,7 @@ DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play
 
 `--version` prints the version. `--debug` anywhere, or ROBOSIM_DEBUG=1, shows the traceback of a failure."""
 
-Subcommand = Demo | Arena | Train | Evaluate | Sweep | Compare | Play | Policy | Bench
+Subcommand = Demo | Arena | Train | Evaluate | Sweep | Compare | Play | Policy | Export | Bench
 """A parsed command line, ready to run."""
 
 
@@ -119,6 +120,7 @@ def _subcommands(train: type[Train]) -> Any:
         "compare": Compare,
         "play": Play,
         "policy": Policy,
+        "export": Export,
         "bench": Bench,
     }
     return Union[tuple(Annotated[command, tyro.conf.subcommand(name)] for name, command in named.items())]  # noqa: UP007

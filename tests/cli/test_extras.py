@@ -74,6 +74,7 @@ def test_arenas_policies_and_the_faces_work(alone: Path, tmp_path: Path) -> None
         (("play", "lanes", "--save", "run.rrd"), "rerun", "view"),
         (("evaluate", "lanes", "--report", "out"), "matplotlib", "report"),
         (("arena", "show", "paper", "--png", "paper.png"), "matplotlib", "report"),
+        (("export", "paper-2", "--onnx", "team.onnx"), "onnx", "deploy"),
     ],
 )
 def test_a_command_whose_extra_is_missing_says_which_before_it_does_anything(

@@ -1,0 +1,176 @@
+"""A policy as an ONNX graph: networks, normalisation, mask of blocked moves, and the choice of actions.
+
+The graph computes what `robosim.control.network.Networks` does, step by step. Its weights are stored as in
+the policy's folder, one copy of each network.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+from onnx import TensorProto, helper, numpy_helper
+
+from robosim.control.network import LEAST_SQUARE, NetworkSpec, Weights
+from robosim.discretise.observation import MoveGains
+
+OPSET = 18
+IR_VERSION = 10
+"""Of ONNX's files; runtimes refuse those that are newer than they are."""
+OBSERVATION, ACTIONS, VALUES = "observation", "actions", "values"
+"""Names of the graph's input and outputs."""
+BATCH = "batch"
+_LAST_AXIS, _LEAST = "last_axis", "least_square"
+"""Constants of the normalisation."""
+
+
+class _Nodes:
+    """Nodes and constants of a graph as it grows; each node's result is known by a name."""
+
+    def __init__(self) -> None:
+        self.nodes: list[onnx.NodeProto] = []
+        self.constants: list[onnx.TensorProto] = []
+
+    def constant(self, name: str, array: NDArray[np.generic]) -> str:
+        self.constants.append(numpy_helper.from_array(array, name))
+        return name
+
+    def whole(self, name: str, *numbers: int) -> str:
+        return self.constant(name, np.array(numbers, np.int64))
+
+    def add(self, kind: str, *inputs: str, result: str = "", **attributes: Any) -> str:
+        name = result or f"{kind.lower()}_{len(self.nodes)}"
+        self.nodes.append(helper.make_node(kind, inputs, [name], name, **attributes))
+        return name
+
+
+def policy_graph(spec: NetworkSpec, weights: Weights, gains: MoveGains | None, name: str) -> onnx.GraphProto:
+    """Return the graph of a whole policy.
+
+    Its input is `observation`, float32 [batch, robots, size]; its outputs are `actions`, int64
+    [batch, robots], and `values`, float32, as `Networks.outputs` returns them. `weights` are of the shapes
+    `spec.shapes`; `gains` is where an observation holds the gains of moves, which a spec with a `mask` needs.
+    """
+    nodes = _Nodes()
+    values = _forward(nodes, spec, weights, _arranged(nodes, spec))
+    if spec.networks > 1:
+        values = nodes.add("Transpose", values, perm=[1, 0, 2])
+    if spec.mask and gains is not None:
+        nothing = nodes.constant("nothing", np.array(-np.inf, np.float32))
+        nodes.add("Where", _blocked(nodes, spec, gains), nothing, values, result=VALUES)
+    else:
+        nodes.add("Identity", values, result=VALUES)
+    _choose(nodes, spec)
+    robots: int | str = "robots" if spec.shared else spec.robots
+    rows: tuple[int | str, ...] = (BATCH,) if spec.joint else (BATCH, robots)
+    make = helper.make_tensor_value_info
+    return helper.make_graph(
+        nodes.nodes,
+        name,
+        [make(OBSERVATION, TensorProto.FLOAT, (BATCH, robots, spec.observation))],
+        [
+            make(ACTIONS, TensorProto.INT64, (BATCH, robots)),
+            make(VALUES, TensorProto.FLOAT, (*rows, spec.outputs)),
+        ],
+        nodes.constants,
+    )
+
+
+def _arranged(nodes: _Nodes, spec: NetworkSpec) -> str:
+    """Return the inputs of the first layer: rows of numbers, before them an axis of networks if several."""
+    if spec.input == "team":
+        shape = (-1, spec.inputs) if spec.joint else (1, -1, spec.inputs)
+        return nodes.add("Reshape", OBSERVATION, nodes.whole("team", *shape))
+    if spec.networks > 1:
+        return nodes.add("Transpose", OBSERVATION, perm=[1, 0, 2])
+    return OBSERVATION
+
+
+def _forward(nodes: _Nodes, spec: NetworkSpec, weights: Weights, hidden: str) -> str:
+    if spec.normalisation != "none":
+        nodes.whole(_LAST_AXIS, -1)
+        nodes.constant(_LEAST, np.array(LEAST_SQUARE, np.float32))
+    for layer in range(len(spec.layers)):
+        weight, bias = _parameters(nodes, spec, weights, layer)
+        hidden = nodes.add("Add", nodes.add("MatMul", hidden, weight), bias)
+        if layer == len(spec.layers) - 1:
+            break
+        if spec.normalisation == "layer":
+            hidden = nodes.add("Sub", hidden, _mean(nodes, hidden))
+            hidden = _over_size(nodes, hidden)
+        hidden = nodes.add("Relu" if spec.activation == "relu" else "Tanh", hidden)
+        if spec.normalisation == "rms":
+            hidden = _over_size(nodes, hidden)
+    return hidden
+
+
+def _parameters(nodes: _Nodes, spec: NetworkSpec, weights: Weights, layer: int) -> tuple[str, str]:
+    """Return the weight and the bias of a layer, in float32, for each robot where they have their own."""
+    several = spec.networks > 1
+    names = []
+    for what in ("weight", "bias"):
+        name = f"layer{layer}.{what}"
+        array = weights[name]
+        if what == "bias" and several:
+            array = array[:, None]
+        made = nodes.constant(name, array if several else array[0])
+        if spec.precision == "float16":
+            made = nodes.add("Cast", made, to=TensorProto.FLOAT)
+        if several and spec.of_robot != tuple(range(spec.networks)):
+            of_robot = nodes.whole(f"of_robot.{name}", *spec.of_robot)
+            made = nodes.add("Gather", made, of_robot, axis=0)
+        names.append(made)
+    return names[0], names[1]
+
+
+def _mean(nodes: _Nodes, hidden: str) -> str:
+    return nodes.add("ReduceMean", hidden, _LAST_AXIS, keepdims=1)
+
+
+def _over_size(nodes: _Nodes, hidden: str) -> str:
+    """Divide each row by its root mean square, a little enlarged."""
+    square = _mean(nodes, nodes.add("Mul", hidden, hidden))
+    return nodes.add("Div", hidden, nodes.add("Sqrt", nodes.add("Add", square, _LEAST)))
+
+
+def _blocked(nodes: _Nodes, spec: NetworkSpec, gains: MoveGains) -> str:
+    """Return which outputs are not to be chosen, of the shape of `values`."""
+    moves = np.arange(spec.actions) < gains.moves
+    lost = []
+    for goal, start in (("home", gains.home), ("source", gains.source)):
+        # Actions that are no moves read any column; below they are never blocked.
+        columns = np.where(moves, start + np.arange(spec.actions), start)
+        gained = nodes.add("Gather", OBSERVATION, nodes.whole(f"gain_{goal}", *map(int, columns)), axis=2)
+        all_lost = nodes.constant(f"cell_from_{goal}", np.array(-1.0, np.float32))
+        lost.append(nodes.add("LessOrEqual", gained, all_lost))
+    blocked = nodes.add("And", nodes.add("And", *lost), nodes.constant("moves", moves))
+    return _combined(nodes, spec, blocked) if spec.joint else blocked
+
+
+def _combined(nodes: _Nodes, spec: NetworkSpec, blocked: str) -> str:
+    """Return which combinations hold a blocked action, [batch, actions ** robots]."""
+    flat = nodes.whole("combinations", 0, -1)
+    before, after = nodes.whole("one_before", 1), nodes.whole("one_after", 2)
+    combined = ""
+    for robot in range(spec.robots):
+        index = nodes.constant(f"robot_{robot}", np.array(robot, np.int64))
+        own = nodes.add("Gather", blocked, index, axis=1)
+        if not combined:
+            combined = own
+            continue
+        outer = nodes.add("Or", nodes.add("Unsqueeze", combined, after), nodes.add("Unsqueeze", own, before))
+        combined = nodes.add("Reshape", outer, flat)
+    return combined
+
+
+def _choose(nodes: _Nodes, spec: NetworkSpec) -> None:
+    """Choose the largest value; the first among equals, as numpy does."""
+    result = "combination" if spec.joint else ACTIONS
+    chosen = nodes.add("ArgMax", VALUES, result=result, axis=-1, keepdims=0, select_last_index=0)
+    if spec.joint:
+        places = [spec.actions ** (spec.robots - 1 - robot) for robot in range(spec.robots)]
+        whole = nodes.add("Unsqueeze", chosen, nodes.whole("robots_axis", 1))
+        digits = nodes.add("Div", whole, nodes.whole("places", *places))
+        nodes.add("Mod", digits, nodes.whole("base", spec.actions), result=ACTIONS)
