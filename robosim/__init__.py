@@ -1,7 +1,6 @@
 """Robot teams in confined spaces: rigid bodies, pheromones, learned policies, playback.
 
-The names below load on first use, so that `import robosim` stays light: neither torch nor rerun
-is imported by it.
+The names below load on first use, so that `import robosim` stays light.
 """
 
 from __future__ import annotations
@@ -9,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-import gymnasium
+from robosim.registration import register_with_gymnasium
 
 if TYPE_CHECKING:
     from robosim.arena import arena_names, load_arena
@@ -42,11 +41,7 @@ _HOME_OF_NAME = {
     "vector_env": "robosim.envs.workers",
 }
 
-gymnasium.register(
-    id="robosim/Excavation-v0",
-    entry_point="robosim.envs.gym_env:ExcavationEnv",
-    order_enforce=False,  # the environment's own sentences say more
-)
+register_with_gymnasium()
 
 
 def __getattr__(name: str) -> object:

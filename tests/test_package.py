@@ -22,7 +22,7 @@ def test_import_loads_nothing_heavy(module: str) -> None:
     assert run_python(code).split() == []
 
 
-HEAVY = ["torch", "rerun", "pymunk", "matplotlib", "pyarrow", "pettingzoo", "pydantic", "scipy"]
+HEAVY = ["torch", "rerun", "pymunk", "matplotlib", "pyarrow", "pettingzoo", "pydantic", "scipy", "gymnasium"]
 
 
 def test_simulating_and_running_a_policy_needs_neither_torch_nor_rerun() -> None:
@@ -45,8 +45,9 @@ def test_unknown_name_is_an_attribute_error() -> None:
         robosim.teleport  # noqa: B018
 
 
-def test_gymnasium_finds_the_environment_after_import() -> None:
-    code = "import robosim, gymnasium; print(gymnasium.spec('robosim/Excavation-v0').entry_point)"
+@pytest.mark.parametrize("modules", ["robosim, gymnasium", "gymnasium, robosim", "robosim, gymnasium.spaces"])
+def test_gymnasium_finds_the_environment_in_whichever_order_they_are_imported(modules: str) -> None:
+    code = f"import {modules}; print(gymnasium.spec('robosim/Excavation-v0').entry_point)"
     assert run_python(code).strip() == "robosim.envs.gym_env:ExcavationEnv"
 
 

@@ -12,7 +12,8 @@ import argparse
 import sys
 
 from robosim.control.policy import find_policy, policy_names, read_policy
-from robosim.deploy.export import OnnxPolicy, agreement, onnx_model, real_observations
+from robosim.deploy.export import agreement, onnx_model, real_observations
+from robosim.deploy.runtime import OnnxPolicy
 
 
 def main() -> int:

@@ -45,7 +45,8 @@ class Export:
         policy = read_policy(folder)
         require_writable(self.onnx)
         # Now, since it needs what need not be installed.
-        from robosim.deploy.export import OnnxPolicy, agreement, onnx_model, real_observations
+        from robosim.deploy.export import agreement, onnx_model, real_observations
+        from robosim.deploy.runtime import OnnxPolicy
 
         name = Path(self.policy).name
         model = onnx_model(folder, name)

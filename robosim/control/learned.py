@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.arena.model import Arena
+from robosim.control.card import PolicyCard
 from robosim.control.policy import Policy
+from robosim.discretise.observation import ObservationLayout
+from robosim.envs.config import EnvConfig
 from robosim.errors import InputError, shown
 
 if TYPE_CHECKING:
     from robosim.envs.vector import VectorEnv
+
+
+class Team(Protocol):
+    """What a policy is checked against, in simulation or not."""
+
+    config: EnvConfig
+    arena: Arena
+    """With the timing by which the team decides."""
+    robots: int
+    layout: ObservationLayout
 
 
 class LearnedController:
@@ -24,36 +38,36 @@ class LearnedController:
 
     def reset(self, env: VectorEnv) -> None:
         """Check that the policy fits `env`; InputError in one sentence that says what differs."""
-        check_fit(self.policy, env, self.name)
+        check_fit(self.policy.card, env, self.name)
 
     def act(self, env: VectorEnv, observation: NDArray[np.float32]) -> NDArray[np.int64]:
         """Return actions [envs, robots] from `observation` [envs, robots, size]."""
         return self.policy.act(observation)
 
 
-def check_fit(policy: Policy, env: VectorEnv, name: str) -> None:
-    """Raise InputError, in one sentence, if `policy` was not trained for such an environment.
+def check_fit(card: PolicyCard, team: Team, name: str) -> None:
+    """Raise InputError, in one sentence, if a policy of that card was not trained for such a team.
 
     It may drive robots in another world than the one in which it learned, at the pace of that world.
     """
     differences = [
         f"{what} was {trained} in training and is {given} here"
-        for what, trained, given in _facts(policy, env)
+        for what, trained, given in _facts(card, team)
         if trained != given
     ]
     if not differences:
-        differences = list(_observations(policy.card.observation, env.layout.names))
+        differences = list(_observations(card.observation, team.layout.names))
     if differences:
-        raise InputError(f"policy {name} does not fit arena {env.arena.name!r}: {'; '.join(differences)}.")
+        raise InputError(f"policy {name} does not fit arena {team.arena.name!r}: {'; '.join(differences)}.")
 
 
-def _facts(policy: Policy, env: VectorEnv) -> Iterator[tuple[str, object, object]]:
+def _facts(card: PolicyCard, team: Team) -> Iterator[tuple[str, object, object]]:
     """Yield what must be equal: what it is, in training, and here."""
-    card, config, arena = policy.card, env.config, env.arena
+    config, arena = team.config, team.arena
     if not card.network.shared:
-        yield "robots", card.robots, env.robots
+        yield "robots", card.robots, team.robots
     yield "actions", card.env.actions, config.actions
-    yield "number of actions", card.network.actions, env.num_actions
+    yield "number of actions", card.network.actions, team.layout.num_actions
     yield "observation encoding", card.env.encoding, config.encoding
     yield "free neighbours", card.env.neighbours, config.neighbours
     yield "stigmergy", card.env.stigmergy, config.stigmergy

@@ -8,23 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime
-from numpy.typing import NDArray
 from onnx import helper
 
 import robosim
 from robosim.control.environment import environment_for
 from robosim.control.learned import LearnedController
 from robosim.control.policy import WEIGHTS_FILE, Policy, read_policy
-from robosim.deploy.graph import ACTIONS, IR_VERSION, OBSERVATION, OPSET, VALUES, policy_graph
+from robosim.deploy.graph import IR_VERSION, OPSET, policy_graph
 from robosim.deploy.metadata import metadata
+from robosim.deploy.runtime import Floats, OnnxPolicy
 
 TOLERANCE = 1e-5
 """Largest difference between values of onnxruntime and of numpy that counts as agreement."""
 _ENVS = 8
 """Side by side, where real observations are gathered."""
-
-Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,27 +72,6 @@ def onnx_model(folder: Path, name: str = "") -> bytes:
     helper.set_model_props(model, metadata(policy.card, name, digest))
     onnx.checker.check_model(model, full_check=True)
     return bytes(model.SerializeToString(deterministic=True))
-
-
-class OnnxPolicy:
-    """An exported policy, run by onnxruntime on one thread."""
-
-    def __init__(self, model: bytes | str | Path) -> None:
-        """Take the file's bytes or its path."""
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        source = model if isinstance(model, bytes) else str(model)
-        self._session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
-
-    @property
-    def metadata(self) -> dict[str, str]:
-        """What the file says of itself."""
-        return dict(self._session.get_modelmeta().custom_metadata_map)
-
-    def run(self, observation: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Return actions [batch, robots] and values for observations [batch, robots, size]."""
-        actions, values = self._session.run([ACTIONS, VALUES], {OBSERVATION: observation})
-        return actions, values
 
 
 def agreement(exported: OnnxPolicy, policy: Policy, observations: Floats) -> Agreement:

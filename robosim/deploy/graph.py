@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from robosim.control.network import LEAST_SQUARE, NetworkSpec, Weights
+from robosim.deploy.runtime import ACTIONS, OBSERVATION, VALUES
 from robosim.discretise.observation import MoveGains
 
 OPSET = 18
 IR_VERSION = 10
 """Of ONNX's files; runtimes refuse those that are newer than they are."""
-OBSERVATION, ACTIONS, VALUES = "observation", "actions", "values"
-"""Names of the graph's input and outputs."""
 BATCH = "batch"
 _LAST_AXIS, _LEAST = "last_axis", "least_square"
 """Constants of the normalisation."""
@@ -55,7 +54,7 @@ def policy_graph(spec: NetworkSpec, weights: Weights, gains: MoveGains | None, n
     """
     nodes = _Nodes()
     values = _forward(nodes, spec, weights, _arranged(nodes, spec))
-    if spec.networks > 1:
+    if spec.networks > 1 or (spec.input == "team" and not spec.joint):
         values = nodes.add("Transpose", values, perm=[1, 0, 2])
     if spec.mask and gains is not None:
         nothing = nodes.constant("nothing", np.array(-np.inf, np.float32))

@@ -21,7 +21,7 @@ from robosim.discretise.reward import RewardConfig
 from robosim.discretise.sensing import ExactSensor, Percept, Sensor
 from robosim.discretise.truth import Bools, Motion, Truth, encounters
 from robosim.robot.drivers import STOP
-from robosim.world.state import LOOSE, World, WorldState
+from robosim.world.state import LOOSE, Setting, WorldState
 
 COLLISION = np.uint8(Mode.COLLISION)
 SIGHT = 2.0
@@ -33,19 +33,19 @@ class DecPomdp:
 
     def __init__(
         self,
-        world: World,
+        setting: Setting,
         layout: ObservationLayout,
         reward: RewardConfig,
         pheromone: PheromoneConfig,
         sensor: Sensor | None = None,
     ) -> None:
         """Without a `sensor` the robots perceive the world as it is."""
-        arena, num_envs = world.arena, world.num_envs
-        shape = (num_envs, world.robots)
+        arena, num_envs = setting.arena, setting.num_envs
+        shape = (num_envs, setting.robots)
         self.layout = layout
         self.grid = Grid(arena, margin=max(pheromone.radius, 1))
         self.pheromone = PheromoneMap(self.grid, num_envs, pheromone, layout.num_actions)
-        self.truth = Truth(world, reward)
+        self.truth = Truth(setting, reward)
         """Rewards, and who collided and was blocked."""
         self.mode = np.zeros(shape, dtype=np.uint8)
         """[envs, robots] without collisions."""
@@ -61,7 +61,7 @@ class DecPomdp:
         self.density = np.zeros(num_envs)
         """[envs] robots in the tunnel per cell of its length, in truth."""
         self._sensor = ExactSensor() if sensor is None else sensor
-        self._locator = Locator(world, self.grid)
+        self._locator = Locator(setting, self.grid)
         self._percept: Percept
         self._true: Location
         self._seen: Location

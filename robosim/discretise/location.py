@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.discretise.cells import Grid
-from robosim.world.state import World
+from robosim.world.state import Setting
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -37,11 +37,11 @@ class Location(NamedTuple):
 class Locator:
     """Finds robots on the map of one world."""
 
-    def __init__(self, world: World, grid: Grid) -> None:
+    def __init__(self, setting: Setting, grid: Grid) -> None:
         self._grid = grid
-        self._distances = world.arena.distances
-        self._least_square = (BLOCKED_SHARE * world.travel) ** 2
-        self._least_turn = BLOCKED_SHARE * world.turn
+        self._distances = setting.arena.distances
+        self._least_square = (BLOCKED_SHARE * setting.travel) ** 2
+        self._least_turn = BLOCKED_SHARE * setting.turn
 
     def locate(self, pose: Floats) -> Location:
         """Return where robots at `pose` [envs, robots, 3] are, in arrays of their own."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robosim.discretise.location import Location
 from robosim.discretise.reward import RewardConfig, rewards
 from robosim.robot.drivers import STOP
-from robosim.world.state import World, WorldState
+from robosim.world.state import Setting, WorldState
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -44,16 +44,16 @@ def encounters(actions: Integers, touched: Bools, refused: Bools, motion: Motion
 class Truth:
     """Judges decisions by the state of the world, [envs, robots, ...]."""
 
-    def __init__(self, world: World, reward: RewardConfig) -> None:
-        shape = world.num_envs, world.robots
+    def __init__(self, setting: Setting, reward: RewardConfig) -> None:
+        shape = setting.num_envs, setting.robots
         self._reward = reward
-        self._per_travel = 1.0 / world.travel
+        self._per_travel = 1.0 / setting.travel
         self.collided: Bools = np.zeros(shape, dtype=np.bool_)
         """[envs, robots] touched another robot while under way in the last decision."""
         self.blocked: Bools = np.zeros(shape, dtype=np.bool_)
         """[envs, robots] under way, in touch with something, and hardly moved in the last decision."""
         self._laden: Bools = np.zeros(shape, dtype=np.bool_)
-        self._paid = np.zeros((world.num_envs, world.arena.pellets.count), dtype=np.bool_)
+        self._paid = np.zeros((setting.num_envs, setting.arena.pellets.count), dtype=np.bool_)
 
     def reset(self, state: WorldState) -> None:
         """Begin an episode in every environment."""

@@ -222,7 +222,7 @@ def starting_team(config: RunConfig, policy: Policy) -> tuple[AlgorithmConfig, A
     except InputError as error:
         raise InputError(f"start_from {shown(start)} {error}") from None
     if card.robots <= robots or spec.shared:
-        check_fit(policy, evaluation_env(config, 1, 0, min(card.robots, robots)), start)
+        check_fit(card, evaluation_env(config, 1, 0, min(card.robots, robots)), start)
     actors = Actors(spec.changed(precision="float32"), policy.weights())
     if algorithm.shares_parameters and spec.shared:
         # One network drives a team of any size.

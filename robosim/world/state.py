@@ -101,23 +101,28 @@ def blank_state(num_envs: int, robots: int, pellets: int) -> WorldState:
     )
 
 
-class World(Protocol):
-    """A batch of worlds: it knows bodies, and nothing of pheromones, rewards or policies.
-
-    This is all that discretisation, controllers, analysis and playback know of where robots are.
-    """
+class Setting(Protocol):
+    """What discretisation knows of a batch of worlds besides their state; real robots have one, too."""
 
     arena: Arena
     """The map, with the timing that this world keeps."""
     num_envs: int
     robots: int
-    state: WorldState
-    contacts: Contacts
-    """Of the last decision."""
     travel: float
     """Farthest that a robot comes in a decision, m."""
     turn: float
     """Farthest that a robot turns in a decision, rad."""
+
+
+class World(Setting, Protocol):
+    """A batch of worlds: it knows bodies, and nothing of pheromones, rewards or policies.
+
+    This is all that discretisation, controllers, analysis and playback know of where robots are.
+    """
+
+    state: WorldState
+    contacts: Contacts
+    """Of the last decision."""
     on_cells: bool
     """Whether robots stand in the middle of cells, one a cell, rather than anywhere as bodies."""
     wheel_energy: Floats

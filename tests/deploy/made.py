@@ -13,9 +13,9 @@ TRAINING = TrainingCard(command="made up", seed=0, steps=0, wall_time=0.0, versi
 
 
 @cache
-def paper(robots, actions):
+def paper(robots, env):
     """An environment to take names and sizes from; it is never begun."""
-    return VectorEnv("paper", robots=robots, actions=actions)
+    return VectorEnv("paper", robots=robots, **dict(env))
 
 
 def random_weights(spec, seed=0):
@@ -27,9 +27,9 @@ def random_weights(spec, seed=0):
     }
 
 
-def make_policy(folder, robots=3, weights=None, actions="cardinal", seed=0, **network):
-    """Write a policy folder for the arena `paper`; `network` are fields of its spec."""
-    env = paper(robots, actions)
+def make_policy(folder, robots=3, weights=None, env=None, seed=0, **network):
+    """Write a policy folder for the arena `paper`; `env` and `network` are fields of its records."""
+    env = paper(robots, tuple((env or {}).items()))
     team = network.get("input") == "team"
     spec = NetworkSpec(
         inputs=env.layout.size * (robots if team else 1), hidden=(24, 16), actions=env.num_actions, **network

@@ -10,7 +10,8 @@ from robosim.control.card import PolicyCard
 from robosim.control.environment import environment_for
 from robosim.control.learned import LearnedController
 from robosim.control.policy import find_policy, read_policy
-from robosim.deploy.export import OnnxPolicy, agreement, onnx_model, real_observations
+from robosim.deploy.export import agreement, onnx_model, real_observations
+from robosim.deploy.runtime import OnnxPolicy
 from tests.deploy.made import make_policy, random_observations
 
 KINDS = {
@@ -48,9 +49,16 @@ def test_onnxruntime_computes_every_kind_of_network(tmp_path, kind, normalisatio
     assert found.holds, str(found)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_team_of_one_is_a_team(tmp_path, kind):
+    folder = make_policy(tmp_path / "made", robots=1, mask=True, **{**KINDS[kind], "of_robot": (0,)})
+    policy = read_policy(folder)
+    assert agreement(OnnxPolicy(onnx_model(folder)), policy, random_observations(policy, 60)).holds
+
+
 @pytest.mark.parametrize("actions", ["wheels", "wheels-9"])
 def test_moves_of_wheel_actions_are_masked(tmp_path, actions):
-    folder = make_policy(tmp_path / "made", mask=True, actions=actions, of_robot=(0, 0, 0))
+    folder = make_policy(tmp_path / "made", mask=True, env={"actions": actions}, of_robot=(0, 0, 0))
     policy = read_policy(folder)
     observations = random_observations(policy, 60)
     assert np.isneginf(policy.values(observations)).any(axis=(0, 1)).tolist() == [True] * 2 + [False] * (

@@ -142,14 +142,25 @@ class PhysicsWorld:
 
     def step(self, actions: Integers, gripper: NDArray[np.int8]) -> None:
         """Advance all environments by one decision: actions and gripper commands are [envs, robots]."""
-        self._log.clear()
-        for space in self._spaces:
-            space.forget_contacts()
+        self.begin_decision()
         self._driver.begin(self.state.pose, actions)
         for _ in range(self.arena.timing.control_steps - 1):
             self.drive(self._driver.wheel_speeds(self.state.pose))
+        self.end_decision(self._driver.wheel_speeds(self.state.pose), gripper)
+
+    def begin_decision(self) -> None:
+        """Forget the contacts of the decision before."""
+        self._log.clear()
+        for space in self._spaces:
+            space.forget_contacts()
+
+    def end_decision(self, wheel_speeds: Floats, gripper: NDArray[np.int8]) -> None:
+        """Hold wheel speeds as `drive` does, for the last control period of a decision, and handle pellets.
+
+        `step` is `begin_decision`, `drive` for every control period but one, and this.
+        """
         before = self._motion() if self._metered else None
-        self._push(self._driver.wheel_speeds(self.state.pose))
+        self._push(wheel_speeds)
         self._read_bodies()
         if before is not None:
             self._meter(before)

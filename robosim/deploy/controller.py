@@ -1,0 +1,270 @@
+"""The controller that runs on a robot, or beside a team of them: from sensors to wheel speeds.
+
+Modes, pheromones, observations and drivers are those of training, the same code: nothing is written anew for
+real robots. It needs numpy, and none of what simulates or trains.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.arena.model import Arena, Zone
+from robosim.control.card import PolicyCard
+from robosim.control.learned import check_fit
+from robosim.deploy.log import DecisionLog
+from robosim.deploy.readings import Bools, Floats, Readings, blank_team, take_in
+from robosim.discretise.dec_pomdp import DecPomdp
+from robosim.envs.config import env_config
+from robosim.errors import InputError, refused
+from robosim.robot.drivers import STOP, make_driver
+from robosim.robot.kinematics import wrap_angle
+from robosim.world.state import Gripper
+
+MAX_AGE = 0.5
+"""s; as long as a Robotarium's robot waits for commands before it pauses."""
+SETTLE = 0.5
+"""Time in which a robot must come to rest after an emergency stop, s."""
+STILL_WITHIN, STILL_TURN = 0.01, 0.1
+"""m and rad: a robot that has moved further since it should have come to rest has not stopped."""
+
+
+class Chooser(Protocol):
+    """A policy: `robosim.control.policy.Policy`, or `robosim.deploy.runtime.OnnxPolicy`."""
+
+    @property
+    def card(self) -> PolicyCard: ...
+
+    def act(self, observation: NDArray[np.float32]) -> NDArray[np.int64]: ...
+
+
+@dataclass(slots=True)
+class _RealTeam:
+    """A team as discretisation knows it: one environment, and a pellet for each robot to know of."""
+
+    arena: Arena
+    num_envs: int
+    robots: int
+    travel: float
+    turn: float
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What the robots are to do in the next control period."""
+
+    wheel_speeds: Floats
+    """[robots, 2] left and right, rad/s, within the data sheet; 0 for robots that are stopped."""
+    gripper: NDArray[np.int8]
+    """[robots] `Gripper`, to be done once in a decision, at its end; KEEP for robots that are stopped."""
+    stopped: tuple[str, ...]
+    """[robots] why a robot is stopped, in words; empty for those that are not."""
+    unstopped: Bools
+    """[robots] an emergency stop could not be seen to hold this robot: it still moves, or nobody sees it."""
+    actions: NDArray[np.int64] | None
+    """[robots] what has just been decided; None within a decision."""
+
+
+class Controller:
+    """Drives a team, or one robot of it, by a trained policy.
+
+    All robots are worked out together, since they meet in the pheromone map. A computer for the whole team
+    sends each robot its row of the command. A robot with a computer of its own calls the same code with the
+    same tracker's poses, and obeys its own row.
+    """
+
+    def __init__(
+        self,
+        policy: Chooser,
+        robots: int | None = None,
+        arena: Arena | str | Path | None = None,
+        *,
+        max_age: float = MAX_AGE,
+        log: DecisionLog | None = None,
+        name: str = "policy",
+    ) -> None:
+        """Take a policy; `robots` and `arena` are by default those of its card.
+
+        Readings older than `max_age` (s) stop a robot. InputError, in one sentence that calls the policy
+        `name`, for a team or an arena that it does not fit.
+        """
+        card = policy.card
+        if not 0.0 < max_age < np.inf:
+            raise refused("max_age", max_age, "a number of seconds above 0")
+        # Real robots are bodies, wherever the policy learned.
+        self.config, self.arena = env_config(card.env, arena=arena, robots=robots, world="physics")
+        self.robots = self.config.robots
+        self.layout = self.config.layout
+        check_fit(card, self, name)
+        self._policy = policy
+        self._max_age = max_age
+        self._log = log
+        sheet, timing = self.arena.robot, self.arena.timing
+        team = _RealTeam(
+            arena=replace(self.arena, pellets=replace(self.arena.pellets, count=self.robots)),
+            num_envs=1,
+            robots=self.robots,
+            travel=sheet.top_speed * timing.decision_period,
+            turn=sheet.top_turn_rate * timing.decision_period,
+        )
+        self._dec = DecPomdp(team, self.layout, self.config.reward, self.config.pheromone)
+        free = self.arena.zones != Zone.WALL
+        self._driver = make_driver(
+            self.config.actions,
+            sheet,
+            free,
+            self.arena.cell_size,
+            timing.control_period,
+            timing.decision_period,
+        )
+        self._state = blank_team(self.robots)
+        self._actions = np.full(self.robots, STOP)
+        self._gripper = np.full(self.robots, Gripper.KEEP, np.int8)
+        self._emergency = ""
+        self._held_since: float | None = None
+        self._rest: Floats | None = None
+        self._observed = ""
+        self._periods = 0
+        if log is not None:
+            log.begin(name, self.config, max_age)
+
+    @property
+    def decisions(self) -> int:
+        """Decisions taken since the last reset."""
+        return -(-self._periods // self.arena.timing.control_steps)
+
+    @property
+    def emergency(self) -> str:
+        """Why all robots are held; empty when they are not."""
+        return self._emergency
+
+    def reset(self) -> None:
+        """Begin anew with the next readings: pheromones and all that is remembered are gone."""
+        self._periods = 0
+
+    def step(self, readings: Readings, now: float) -> Command:
+        """Return what to do from `now` (s) on; to be called once in every control period.
+
+        Every so many periods a decision is taken. InputError for arrays of the wrong shape, and for first
+        readings in which a robot has no pose on the map; whatever else is wrong with a reading stops the
+        robot, and says so.
+        """
+        readings.require_robots(self.robots)
+        reasons = self._reasons(readings, now)
+        stopped = np.array([bool(reason) for reason in reasons])
+        begins = self._periods % self.arena.timing.control_steps == 0
+        if begins:
+            self._decide(readings, stopped)
+        self._periods += 1
+        limit = self.arena.robot.max_wheel_speed
+        speeds = np.clip(self._driver.wheel_speeds(self._state.pose)[0], -limit, limit)
+        speeds[stopped] = 0.0
+        command = Command(
+            wheel_speeds=speeds,
+            gripper=np.where(stopped, np.int8(Gripper.KEEP), self._gripper),
+            stopped=reasons,
+            unstopped=self._unstopped(readings, now),
+            actions=self._actions.copy() if begins else None,
+        )
+        if self._log is not None:
+            self._log.add(readings, now, command, self._emergency, self._observed if begins else "")
+        return command
+
+    def emergency_stop(self, reason: str = "emergency stop") -> Command:
+        """Hold all robots until `resume`; returns the command to send at once.
+
+        Whether they came to rest is seen by the tracker: `unstopped` of the commands that follow tells who,
+        half a second later, still moves or is not seen.
+        """
+        self._emergency = reason or "emergency stop"
+        self._held_since = self._rest = None
+        return Command(
+            wheel_speeds=np.zeros((self.robots, 2)),
+            gripper=np.full(self.robots, Gripper.KEEP, np.int8),
+            stopped=(self._emergency,) * self.robots,
+            unstopped=np.zeros(self.robots, np.bool_),
+            actions=None,
+        )
+
+    def resume(self) -> None:
+        """End an emergency stop; robots go on with the next decision."""
+        self._emergency = ""
+        # What was decided before the stop is no longer meant.
+        self._actions = np.full(self.robots, STOP)
+        if self._periods:
+            self._driver.begin(self._state.pose, self._actions[None])
+
+    def _reasons(self, readings: Readings, now: float) -> tuple[str, ...]:
+        """Take in the poses that can be used; return why each robot must stop, or nothing."""
+        pose = readings.pose
+        width, height = self.arena.size
+        x, y = pose[:, 0], pose[:, 1]
+        seen = np.asarray(np.isfinite(pose).all(axis=1))
+        on_map = seen & (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height)
+        if self._periods == 0 and not on_map.all():
+            robot = int(np.argmin(on_map))
+            raise InputError(
+                f"readings: pose of robot {robot} is {_shown(pose[robot])}, but must be on the map of "
+                f"{width:g} x {height:g} m as a run begins."
+            )
+        # Whoever is lost stays where it was seen last, for the others.
+        self._state.pose[0][on_map] = pose[on_map]
+        age = now - readings.time
+        fresh = np.abs(age) <= self._max_age
+        if self._emergency:
+            return (self._emergency,) * self.robots
+        return tuple(
+            "no pose"
+            if not seen[robot]
+            else f"off the map at {_shown(pose[robot])}"
+            if not on_map[robot]
+            else ""
+            if fresh[robot]
+            else f"pose is {age[robot]:.2f} s old"
+            for robot in range(self.robots)
+        )
+
+    def _decide(self, readings: Readings, stopped: Bools) -> None:
+        state = self._state
+        take_in(state, readings)
+        heading = state.pose[..., 2]
+        # Those in range are taken as they are: folding rounds.
+        outside = (heading < -np.pi) | (heading >= np.pi)
+        heading[outside] = wrap_angle(heading[outside])
+        if self._periods == 0:
+            self._driver.reset(state.pose)
+            self._dec.reset(state, [])
+        else:
+            self._dec.update(self._actions[None], state)
+        observation = self._dec.observe()
+        # Added, since the two zeros are one number to whoever reads them.
+        self._observed = hashlib.sha256((observation + np.float32(0.0)).tobytes()).hexdigest()
+        chosen = np.asarray(self._policy.act(observation)[0], np.int64)
+        self._actions = np.where(stopped, STOP, chosen)
+        self._gripper = self._dec.gripper_commands()[0]
+        self._driver.begin(state.pose, self._actions[None])
+
+    def _unstopped(self, readings: Readings, now: float) -> Bools:
+        """Return who cannot be seen to rest, once an emergency stop has had its time."""
+        nobody = np.zeros(self.robots, np.bool_)
+        if not self._emergency:
+            return nobody
+        if self._held_since is None:
+            self._held_since = now
+        if now - self._held_since < SETTLE:
+            return nobody
+        pose = np.where(np.isfinite(readings.pose), readings.pose, np.nan)
+        self._rest = pose if self._rest is None else np.where(np.isnan(self._rest), pose, self._rest)
+        apart = pose - self._rest
+        near = np.hypot(apart[:, 0], apart[:, 1]) <= STILL_WITHIN
+        near &= np.abs(wrap_angle(apart[:, 2])) <= STILL_TURN
+        return ~(near & (np.abs(now - readings.time) <= self._max_age))
+
+
+def _shown(pose: Floats) -> str:
+    return f"({pose[0]:.3g}, {pose[1]:.3g})"

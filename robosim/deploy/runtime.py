@@ -1,0 +1,56 @@
+"""An exported policy, run by onnxruntime: what a computer needs that has onnxruntime and not onnx."""
+
+from __future__ import annotations
+
+import json
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from robosim.control.card import PolicyCard
+from robosim.errors import InputError
+
+OBSERVATION, ACTIONS, VALUES = "observation", "actions", "values"
+"""Names of the graph's input and outputs."""
+
+Floats = NDArray[np.float32]
+
+
+class OnnxPolicy:
+    """An exported policy, run by onnxruntime on one thread."""
+
+    def __init__(self, model: bytes | str | Path) -> None:
+        """Take the file's bytes or its path; InputError for a file that onnxruntime does not take."""
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        source = model if isinstance(model, bytes) else str(model)
+        try:
+            self._session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # noqa: BLE001  its own errors have no class in common
+            place = "model" if isinstance(model, bytes) else str(model)
+            raise InputError(f"{place}: onnxruntime cannot run it: {' '.join(str(error).split())}.") from None
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """What the file says of itself."""
+        return dict(self._session.get_modelmeta().custom_metadata_map)
+
+    @cached_property
+    def card(self) -> PolicyCard:
+        """The policy's card; InputError for a file that robosim has not exported."""
+        text = self.metadata.get("card")
+        if text is None:
+            raise InputError("model: its metadata hold no card, so robosim has not exported it.")
+        return PolicyCard.from_table(json.loads(text), "card")
+
+    def run(self, observation: Floats) -> tuple[NDArray[np.int64], Floats]:
+        """Return actions [batch, robots] and values for observations [batch, robots, size]."""
+        actions, values = self._session.run([ACTIONS, VALUES], {OBSERVATION: observation})
+        return actions, values
+
+    def act(self, observation: Floats) -> NDArray[np.int64]:
+        """Return the actions [batch, robots] for observations [batch, robots, size]."""
+        return self.run(observation)[0]

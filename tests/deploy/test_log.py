@@ -1,0 +1,120 @@
+"""A controller's log explains every command, and never stands in the way of one."""
+
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from robosim.control.policy import load_policy
+from robosim.deploy import Controller, DecisionLog
+from robosim.deploy.log import read_log, run_again
+from robosim.deploy.simulated import SimulatedRobots
+from robosim.errors import InputError
+
+
+def logged_run(path, periods=90):
+    """Drive two robots, one of which is lost for a while, with an emergency stop; returns the commands."""
+    log = DecisionLog(path)
+    controller = Controller(load_policy("paper-2"), log=log, name="paper-2")
+    robots = SimulatedRobots(controller.config, seed=4)
+    commands = []
+    for period in range(periods):
+        if period == 40:
+            controller.emergency_stop("a test")
+        if period == 50:
+            controller.resume()
+        readings = robots.readings()
+        if 20 <= period < 26:
+            readings.pose[1] = np.nan
+        commands.append(controller.step(readings, robots.now))
+        robots.obey(commands[-1])
+    log.close()
+    assert log.failed == ""
+    return commands
+
+
+def test_the_log_holds_what_went_in_and_out_to_the_last_bit(tmp_path):
+    commands = logged_run(tmp_path / "run.jsonl")
+    logged = list(read_log(tmp_path / "run.jsonl"))
+    assert len(logged) == len(commands) == 90
+    for one, command in zip(logged, commands, strict=True):
+        assert_array_equal(one.wheel_speeds, command.wheel_speeds)
+        assert_array_equal(one.gripper, command.gripper)
+        assert one.stopped == command.stopped
+        assert (one.actions is None) == (command.actions is None) == (one.observation == "")
+        if command.actions is not None:
+            assert_array_equal(one.actions, command.actions)
+    assert logged[22].stopped == ("", "no pose")
+    assert logged[45].stopped == ("a test", "a test")
+    hashes = [one.observation for one in logged if one.observation]
+    assert len(hashes) == 30
+    assert len(set(hashes)) > 20
+    first = json.loads((tmp_path / "run.jsonl").read_text().partition("\n")[0])
+    assert (first["policy"], first["max_age"], first["env"]["robots"]) == ("paper-2", 0.5, 2)
+
+
+def test_a_run_is_commanded_again_from_its_log_to_the_last_bit(tmp_path):
+    logged_run(tmp_path / "run.jsonl")
+    again = DecisionLog(tmp_path / "again.jsonl")
+    controller = Controller(load_policy("paper-2"), log=again, name="paper-2")
+    for logged, command in run_again(tmp_path / "run.jsonl", controller):
+        assert_array_equal(logged.wheel_speeds, command.wheel_speeds)
+    again.close()
+    # All of it: what robots observed, too.
+    assert (tmp_path / "again.jsonl").read_text() == (tmp_path / "run.jsonl").read_text()
+
+
+def test_other_weights_do_not_explain_a_log(tmp_path):
+    logged_run(tmp_path / "run.jsonl")
+    pairs = run_again(tmp_path / "run.jsonl", Controller(load_policy("any"), robots=2))
+    assert any((logged.wheel_speeds != command.wheel_speeds).any() for logged, command in pairs)
+
+
+def test_a_last_line_cut_short_is_left_out_and_a_damaged_one_is_refused(tmp_path):
+    path = tmp_path / "run.jsonl"
+    logged_run(path, periods=5)
+    whole = path.read_text()
+    path.write_text(whole[:-30])
+    assert len(list(read_log(path))) == 4
+    lines = whole.splitlines(keepends=True)
+    path.write_text("".join([*lines[:3], lines[3][:40] + "\n", *lines[4:]]))
+    with pytest.raises(InputError) as caught:
+        list(read_log(path))
+    assert str(caught.value) == f"{path}: line 4 is not a line of a controller's log."
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[1]\n", "line 1 is not a line of a controller's log."),
+        ('{"format": "robosim-log", "version": 9}\n', "not a controller's log of version 1."),
+    ],
+)
+def test_another_file_is_no_log(tmp_path, text, sentence):
+    path = tmp_path / "run.jsonl"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        list(read_log(path))
+    assert str(caught.value) == f"{path}: {sentence}"
+
+
+def test_a_log_is_never_written_over(tmp_path):
+    path = tmp_path / "run.jsonl"
+    DecisionLog(path).close()
+    with pytest.raises(InputError) as caught:
+        DecisionLog(path)
+    assert str(caught.value) == f"{path}: is there already; a log is never written over."
+    with pytest.raises(InputError) as caught:
+        DecisionLog(tmp_path / "nowhere" / "run.jsonl")
+    assert str(caught.value) == f"{tmp_path}/nowhere/run.jsonl: cannot be written: No such file or directory."
+
+
+def test_robots_are_driven_on_where_the_log_cannot_be_written(tmp_path):
+    log = DecisionLog(tmp_path / "run.jsonl")
+    controller = Controller(load_policy("paper-2"), log=log)
+    robots = SimulatedRobots(controller.config, seed=4)
+    log.close()
+    for _ in range(4):
+        robots.obey(controller.step(robots.readings(), robots.now))
+    assert log.failed == f"{log.path}: the log ends early: I/O operation on closed file."
