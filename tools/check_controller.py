@@ -3,9 +3,9 @@
     python tools/check_controller.py                       # all policies that ship, 300 decisions each
     python tools/check_controller.py paper-8 --decisions 2000 --alone
 
-Prints for each policy whether all poses and pellets were those of an evaluation to the last bit, and the time
-that the controller takes for a control period in which it decides, and for one in which it does not, measured
-on one core. `--alone` drives the team once more, each robot by a controller of its own that knows everybody's
+Prints for each policy whether all poses and pellets were those of an evaluation to the last bit, and how much
+processor time of its one thread the controller takes for a control period in which it decides, and for one in
+which it does not. `--alone` drives the team once more, each robot by a controller of its own that knows everybody's
 pose but nobody else's gripper and contacts, and compares what both teams deliver.
 """
 
@@ -38,9 +38,9 @@ def compared(policy: Policy, name: str, decisions: int, seed: int) -> tuple[bool
     for _ in range(decisions):
         for _ in range(env.arena.timing.control_steps):
             readings = robots.readings()
-            began = time.perf_counter()
+            began = time.thread_time()
             command = controller.step(readings, robots.now)
-            times[command.actions is None].append(time.perf_counter() - began)
+            times[command.actions is None].append(time.thread_time() - began)
             robots.obey(command)
         observation = env.step(chooser.act(env, observation)).observation
         ours, theirs = robots.world.state, env.world.state
