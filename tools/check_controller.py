@@ -5,8 +5,8 @@
 
 Prints for each policy whether all poses and pellets were those of an evaluation to the last bit, and how much
 processor time of its one thread the controller takes for a control period in which it decides, and for one in
-which it does not. `--alone` drives the team once more, each robot by a controller of its own that knows everybody's
-pose but nobody else's gripper and contacts, and compares what both teams deliver.
+which it does not. `--alone` drives the team once more, each robot by a controller of its own that knows
+everybody's pose but nobody else's gripper and contacts, and counts what both teams deliver.
 """
 
 from __future__ import annotations
