@@ -144,7 +144,10 @@ class Controller:
         return self._emergency
 
     def reset(self) -> None:
-        """Begin anew with the next readings: pheromones and all that is remembered are gone."""
+        """Begin anew with the next readings: pheromones and all that is remembered are gone.
+
+        An emergency stop stays.
+        """
         self._periods = 0
 
     def step(self, readings: Readings, now: float) -> Command:
@@ -157,7 +160,8 @@ class Controller:
         readings.require_robots(self.robots)
         reasons = self._reasons(readings, now)
         stopped = np.array([bool(reason) for reason in reasons])
-        begins = self._periods % self.arena.timing.control_steps == 0
+        period = self._periods
+        begins = period % self.arena.timing.control_steps == 0
         if begins:
             self._decide(readings, stopped)
         self._periods += 1
@@ -172,7 +176,8 @@ class Controller:
             actions=self._actions.copy() if begins else None,
         )
         if self._log is not None:
-            self._log.add(readings, now, command, self._emergency, self._observed if begins else "")
+            observed = self._observed if begins else ""
+            self._log.add(period, readings, now, command, self._emergency, observed)
         return command
 
     def emergency_stop(self, reason: str = "emergency stop") -> Command:
@@ -225,7 +230,7 @@ class Controller:
             if not on_map[robot]
             else ""
             if fresh[robot]
-            else f"pose is {age[robot]:.2f} s old"
+            else f"pose is {abs(age[robot]):.2f} s {'ahead' if age[robot] < 0.0 else 'old'}"
             for robot in range(self.robots)
         )
 

@@ -57,9 +57,12 @@ class DecisionLog:
             }
         )
 
-    def add(self, readings: Readings, now: float, command: Command, emergency: str, observed: str) -> None:
+    def add(
+        self, period: int, readings: Readings, now: float, command: Command, emergency: str, observed: str
+    ) -> None:
         """Write the line of a control period; `observed` is the SHA-256 of a decision's observations."""
         line: dict[str, Any] = {
+            "period": period,
             "now": now,
             "time": _listed(readings.time),
             "pose": _listed(readings.pose),
@@ -94,6 +97,8 @@ class DecisionLog:
 class Logged:
     """A control period of a log."""
 
+    period: int
+    """Since the controller began, or was reset, from 0."""
     now: float
     readings: Readings
     wheel_speeds: NDArray[np.float64]
@@ -138,6 +143,8 @@ def run_again(path: str | Path, controller: Controller) -> Iterator[tuple[Logged
     The two are equal to the bit if the controller is the one that was logged, with its policy and weights.
     """
     for logged in read_log(path):
+        if logged.period == 0:
+            controller.reset()
         if logged.emergency != controller.emergency:
             if controller.emergency:
                 controller.resume()
@@ -149,6 +156,7 @@ def run_again(path: str | Path, controller: Controller) -> Iterator[tuple[Logged
 def _logged(table: dict[str, Any]) -> Logged:
     actions = table.get("actions")
     return Logged(
+        period=int(table["period"]),
         now=float(table["now"]),
         readings=Readings(
             time=_floats(table["time"]),

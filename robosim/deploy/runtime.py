@@ -26,12 +26,13 @@ class OnnxPolicy:
         """Take the file's bytes or its path; InputError for a file that onnxruntime does not take."""
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
+        self._place = "model" if isinstance(model, bytes) else str(model)
         source = model if isinstance(model, bytes) else str(model)
         try:
             self._session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # noqa: BLE001  its own errors have no class in common
-            place = "model" if isinstance(model, bytes) else str(model)
-            raise InputError(f"{place}: onnxruntime cannot run it: {' '.join(str(error).split())}.") from None
+            said = " ".join(str(error).split()).rstrip(".")
+            raise InputError(f"{self._place}: onnxruntime cannot run it: {said}.") from None
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -41,10 +42,13 @@ class OnnxPolicy:
     @cached_property
     def card(self) -> PolicyCard:
         """The policy's card; InputError for a file that robosim has not exported."""
-        text = self.metadata.get("card")
-        if text is None:
-            raise InputError("model: its metadata hold no card, so robosim has not exported it.")
-        return PolicyCard.from_table(json.loads(text), "card")
+        try:
+            table = json.loads(self.metadata["card"])
+        except (KeyError, ValueError, RecursionError):
+            table = None
+        if not isinstance(table, dict):
+            raise InputError(f"{self._place}: its metadata hold no card, so robosim has not exported it.")
+        return PolicyCard.from_table(table, f"{self._place}: card")
 
     def run(self, observation: Floats) -> tuple[NDArray[np.int64], Floats]:
         """Return actions [batch, robots] and values for observations [batch, robots, size]."""

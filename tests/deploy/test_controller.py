@@ -159,6 +159,15 @@ def test_a_robot_without_a_pose_on_the_map_stops_and_the_others_go_on(pose, reas
     assert np.abs(command.wheel_speeds[0]).max() > 0
 
 
+def test_a_time_stamp_ahead_of_the_clock_is_no_better_than_an_old_one():
+    controller, robots = started(periods=30)
+    readings = robots.readings()
+    readings.time[0] += 0.7
+    readings.time[1] += 0.3
+    command = controller.step(readings, robots.now)
+    assert command.stopped == ("pose is 0.70 s ahead", "")
+
+
 def test_a_heading_of_any_turn_is_the_same_heading():
     controller, robots = started(periods=30)
     turned, _ = started(periods=30)

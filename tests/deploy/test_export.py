@@ -12,6 +12,7 @@ from robosim.control.learned import LearnedController
 from robosim.control.policy import find_policy, read_policy
 from robosim.deploy.export import agreement, onnx_model, real_observations
 from robosim.deploy.runtime import OnnxPolicy
+from robosim.errors import InputError
 from tests.deploy.made import make_policy, random_observations
 
 KINDS = {
@@ -145,6 +146,21 @@ def test_the_file_says_all_that_is_needed_to_run_it():
     assert named["distance to source"] == pytest.approx(source, abs=1e-6)
     within = pose[:2] - (np.floor(pose[:2] / env.arena.cell_size) + 0.5) * env.arena.cell_size
     assert [named["offset in cell x"], named["offset in cell y"]] == pytest.approx(within.tolist(), abs=1e-6)
+
+
+def test_another_file_is_no_policy(tmp_path):
+    path = tmp_path / "team.onnx"
+    path.write_bytes(b"not a graph")
+    with pytest.raises(InputError) as caught:
+        OnnxPolicy(path)
+    assert str(caught.value).startswith(f"{path}: onnxruntime cannot run it: ")
+    assert "\n" not in str(caught.value)
+    model = onnx.load_from_string(onnx_model(make_policy(tmp_path / "made", of_robot=(0, 0, 0))))
+    del model.metadata_props[:]
+    onnx.save(model, path)
+    with pytest.raises(InputError) as caught:
+        OnnxPolicy(path).card  # noqa: B018
+    assert str(caught.value) == f"{path}: its metadata hold no card, so robosim has not exported it."
 
 
 def test_equal_folders_give_equal_files(tmp_path):

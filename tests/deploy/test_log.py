@@ -14,7 +14,7 @@ from robosim.errors import InputError
 
 
 def logged_run(path, periods=90):
-    """Drive two robots, one of which is lost for a while, with an emergency stop; returns the commands."""
+    """Drive two robots: one is lost for a while, all are held, then all begin anew; return the commands."""
     log = DecisionLog(path)
     controller = Controller(load_policy("paper-2"), log=log, name="paper-2")
     robots = SimulatedRobots(controller.config, seed=4)
@@ -24,6 +24,8 @@ def logged_run(path, periods=90):
             controller.emergency_stop("a test")
         if period == 50:
             controller.resume()
+        if period == 70:
+            controller.reset()
         readings = robots.readings()
         if 20 <= period < 26:
             readings.pose[1] = np.nan
@@ -48,7 +50,7 @@ def test_the_log_holds_what_went_in_and_out_to_the_last_bit(tmp_path):
     assert logged[22].stopped == ("", "no pose")
     assert logged[45].stopped == ("a test", "a test")
     hashes = [one.observation for one in logged if one.observation]
-    assert len(hashes) == 30
+    assert len(hashes) == 31
     assert len(set(hashes)) > 20
     first = json.loads((tmp_path / "run.jsonl").read_text().partition("\n")[0])
     assert (first["policy"], first["max_age"], first["env"]["robots"]) == ("paper-2", 0.5, 2)
