@@ -241,6 +241,8 @@ def _plural(annotation: Any) -> str:
 
 def _lengths(metadata: list[Any]) -> str:
     low, high = _first(metadata, annotated_types.MinLen), _first(metadata, annotated_types.MaxLen)
+    if low is not None and high is not None and low.min_length == high.max_length:
+        return f"{high.max_length} "
     return f"{low.min_length if low else 0} to {high.max_length} " if high is not None else ""
 
 

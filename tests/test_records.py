@@ -8,11 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
+from robosim.discretise.noise import ReadingConfig, SensingConfig
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import RewardConfig
 from robosim.envs.config import EnvConfig, env_config
+from robosim.envs.profile import ProfileConfig
 from robosim.errors import InputError, shown
 from robosim.records import Many, Record
+from robosim.world.motion import MotionConfig
 
 
 class Inner(Record):
@@ -96,7 +99,7 @@ def test_with_options_changes_what_it_names_and_nothing_else() -> None:
 
 def test_every_option_of_an_environment_has_a_short_name_of_its_own_and_says_what_it_is() -> None:
     options = EnvConfig.options()
-    tables = (RewardConfig, PheromoneConfig)
+    tables = (RewardConfig, PheromoneConfig, ProfileConfig, MotionConfig, SensingConfig, ReadingConfig)
     fields = len(EnvConfig.model_fields) + sum(len(table.model_fields) - 1 for table in tables)
     assert len(options) == fields
     assert {"reward", "sharing", "signed_distance", "pheromone_decay", "reward_pickup"} <= options.keys()

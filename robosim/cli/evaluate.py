@@ -26,6 +26,9 @@ class Evaluate:
     """Team size; by default a policy's own, or 4."""
     world: Literal["physics", "grid"] | None = None
     """Rigid bodies, or one robot a cell; by default the world that a policy learned in, or `physics`."""
+    profile: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.toml")] = None
+    """What is random and wrong about robots and what they perceive, by name or file (docs/noise.md); by
+    default nothing, whatever profile a policy learned under."""
     episodes: int = 5
     """Episodes, run side by side."""
     steps: int | None = None
@@ -63,6 +66,7 @@ class Evaluate:
             num_envs=min(self.episodes, 16),
             seed=self.seed,
             episode_steps=self.steps,
+            profile=self.profile,
         )
         result = evaluate(controller, env, self.episodes, self.seed, watch=[monitor] if monitor else [])
         print(summary(result), flush=True)
@@ -108,6 +112,7 @@ class Evaluate:
             *("robosim", "evaluate", self.policy),
             *(("--arena", arena) if arena else ()),
             *(("--world", self.world) if self.world else ()),
+            *(("--profile", self.profile) if self.profile else ()),
             *("--robots", str(evaluation.robots)),
             *("--episodes", str(evaluation.episodes)),
             *("--steps", str(evaluation.episode_steps)),
@@ -121,8 +126,9 @@ def summary(evaluation: Evaluation) -> str:
     """Return the figures of an evaluation as a few lines."""
     robots = "  ".join(f"{mean:.1f}" for mean in evaluation.per_robot)
     grid = " (grid world)" if evaluation.world == "grid" else ""
+    profile = f" (profile {evaluation.profile.name or 'without a name'})" if evaluation.profile else ""
     return (
-        f"{evaluation.controller} in {evaluation.arena}{grid}, {evaluation.robots} robots, "
+        f"{evaluation.controller} in {evaluation.arena}{grid}{profile}, {evaluation.robots} robots, "
         f"{evaluation.episodes} episodes of {evaluation.episode_steps} decisions:\n"
         f"  pellets per episode     {evaluation.mean:.1f} (standard deviation {evaluation.std:.1f})\n"
         f"  of each robot           {robots}\n"

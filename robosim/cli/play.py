@@ -39,6 +39,9 @@ class Play:
     """Team size; by default a policy's own, or 4."""
     world: Literal["physics", "grid"] | None = None
     """Rigid bodies, or one robot a cell; by default the world that a policy learned in, or `physics`."""
+    profile: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.toml")] = None
+    """What is random and wrong about robots and what they perceive, by name or file (docs/noise.md); by
+    default nothing, whatever profile a policy learned under."""
     steps: int | None = None
     """Decisions to record; by default a whole episode, as long as the arena or the trajectory says."""
     seed: int | None = None
@@ -183,6 +186,7 @@ class Play:
             seed=self.seed or 0,
             episode_steps=self.steps,
             autoreset=False,
+            profile=self.profile,
         )
         return controller, env
 
@@ -191,7 +195,7 @@ class Play:
         from robosim.episodes.trajectory import load_trajectory
         from robosim.errors import InputError
 
-        for option in ("arena", "robots", "world", "seed", "save_trajectory"):
+        for option in ("arena", "robots", "world", "profile", "seed", "save_trajectory"):
             if getattr(self, option) is not None:
                 raise InputError(
                     f"--{option.replace('_', '-')} cannot be given with {self.policy}: "

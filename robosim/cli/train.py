@@ -16,6 +16,7 @@ from robosim.errors import InputError
 
 if TYPE_CHECKING:
     from robosim.control.learned import LearnedController
+    from robosim.envs.profile import ProfileConfig
     from robosim.envs.vector import VectorEnv
     from robosim.learning.config import RunConfig
     from robosim.learning.trainer import Report, TrainResult
@@ -28,6 +29,13 @@ _GROUPS = {
     "schedule": "How much is learned, and by whom at a time.",
     "run": "How the run is carried out, and what it leaves.",
 }
+_NOT_GIVEN = (
+    ("algorithm", "name"),
+    ("run", "technique"),
+    ("env", "profile", "name"),
+    ("env", "profile", "description"),
+)
+"""Fields that are no options: they say what the others are."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +50,9 @@ class Train:
     runs/mixed-TECHNIQUE-SEED."""
     resume: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None
     """Folder of an interrupted run to go on with, just as it was configured."""
+    profile: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.toml")] = None
+    """What is random and wrong about robots as they learn, by name or file (docs/noise.md); the options that
+    begin with motion, sensing and pheromones change it."""
 
     def run(self) -> None:
         """Train with a progress display, then say what came of it."""
@@ -50,8 +61,13 @@ class Train:
         else:
             from robosim.learning.config import run_config
 
-            config = run_config(self.technique, **dict(self._changed()))
+            config = run_config(self.technique, profile=self._profile(), **dict(self._changed()))
             begin(config, self.out or _run_folder(config))
+
+    def _profile(self) -> ProfileConfig | None:
+        from robosim.envs.profile import load_profile
+
+        return None if self.profile is None else load_profile(self.profile)
 
     def _changed(self) -> Iterator[tuple[str, Any]]:
         """Yield the options that differ from what the technique sets, by name."""
@@ -74,11 +90,11 @@ def train_command(arguments: Sequence[str]) -> type[Train]:
 
     _refuse_options_beside_resume(arguments)
     technique = _value_of("--technique", arguments) or Train.technique
-    config = run_config(technique)
+    config = run_config(technique, profile=_value_of("--profile", arguments))
     _refuse_options_of_others(config, technique, arguments)
     groups: dict[str, list[Any]] = {name: [] for name in _GROUPS}
     for name, option in config.own_options().items():
-        if option.path in (("algorithm", "name"), ("run", "technique")):
+        if option.path in _NOT_GIVEN:
             continue
         value = _value_at(config, option)
         about = tyro.conf.arg(help=" ".join(option.help.split()))

@@ -16,6 +16,7 @@ from robosim.arena.schema import RobotSection, TimingSection
 from robosim.control.network import NetworkSpec, Weights, check_weights
 from robosim.discretise.observation import MoveGains, gain_columns
 from robosim.envs.config import EnvConfig
+from robosim.envs.profile import ProfileConfig
 from robosim.errors import InputError, shown
 from robosim.records import Many, Record
 from robosim.world.factory import WorldKind
@@ -102,6 +103,8 @@ class Evaluation(Record):
     """[episodes][robots] pellets that each robot delivered."""
     collisions: Many[Count]
     """[episodes] decisions in which robots that did not stop touched another, summed over robots."""
+    profile: ProfileConfig | None = None
+    """What was random and wrong about robots and what they perceived; none for nothing."""
 
     @property
     def episodes(self) -> int:

@@ -8,6 +8,7 @@ from robosim.arena.model import Arena
 from robosim.control.controller import Controller
 from robosim.control.learned import LearnedController
 from robosim.envs.config import EnvConfig
+from robosim.envs.profile import ProfileConfig
 from robosim.envs.vector import VectorEnv
 from robosim.world.factory import WorldKind
 
@@ -22,14 +23,16 @@ def environment_for(
     seed: int = 0,
     episode_steps: int | None = None,
     autoreset: bool = True,
+    profile: ProfileConfig | str | Path | None = None,
 ) -> VectorEnv:
     """Return an environment whose observations and actions fit `controller`.
 
-    What is left open is what a policy was trained with, or else what `EnvConfig` says. Pellets lie evenly and
-    episodes are as long as the arena says, however the policy learned. Raises InputError for values out of
-    range.
+    What is left open is what a policy was trained with, or else what `EnvConfig` says. Pellets lie evenly,
+    episodes are as long as the arena says, and nothing is random or wrong about robots without a `profile`,
+    however the policy learned. Raises InputError for values out of range.
     """
     config = controller.policy.card.env if isinstance(controller, LearnedController) else EnvConfig()
+    config = config.changed(profile=None)
     return VectorEnv(
         config,
         arena=config.arena if arena is None else arena,
@@ -40,4 +43,5 @@ def environment_for(
         num_envs=num_envs,
         seed=seed,
         autoreset=autoreset,
+        profile=profile,
     )

@@ -70,4 +70,5 @@ def evaluate(
         seed=seed,
         delivered=tuple(delivered[:episodes]),
         collisions=tuple(collisions[:episodes]),
+        profile=env.config.profile,
     )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from robosim.discretise.cells import Grid, gain_table
 from robosim.discretise.location import Location, Locator
 from robosim.discretise.modes import Mode, gripper_commands, modes
+from robosim.discretise.noise import EXACT_READING, Reader, ReadingConfig
 from robosim.discretise.observation import ObservationLayout, OwnState, write_own_state
 from robosim.discretise.own_frame import Surroundings, turned
 from robosim.discretise.pheromone import PheromoneConfig, PheromoneMap
@@ -38,8 +39,9 @@ class DecPomdp:
         reward: RewardConfig,
         pheromone: PheromoneConfig,
         sensor: Sensor | None = None,
+        reading: ReadingConfig = EXACT_READING,
     ) -> None:
-        """Without a `sensor` the robots perceive the world as it is."""
+        """Without a `sensor` the robots perceive the world as it is; `reading` is of the pheromone map."""
         arena, num_envs = setting.arena, setting.num_envs
         shape = (num_envs, setting.robots)
         self.layout = layout
@@ -61,6 +63,8 @@ class DecPomdp:
         self.density = np.zeros(num_envs)
         """[envs] robots in the tunnel per cell of its length, in truth."""
         self._sensor = ExactSensor() if sensor is None else sensor
+        self._reader = None if reading == EXACT_READING or not layout.patch else Reader(reading)
+        self._patch = np.empty(0, dtype=np.float32)
         self._locator = Locator(setting, self.grid)
         self._percept: Percept
         self._true: Location
@@ -85,6 +89,14 @@ class DecPomdp:
         self._sense(state)
         self._left = self._seen.position.copy()
         self.shown_mode = self.mode.copy()
+        if self._reader is not None:
+            self._reader.reset(seeds)
+            self._patch = self._reader.read(self._around_on_map())
+
+    @property
+    def believed(self) -> NDArray[np.float64] | None:
+        """[envs, robots, 3] where robots take themselves to be; None where that is where they are."""
+        return None if self._seen is self._true else self._percept.pose
 
     def gripper_commands(self) -> NDArray[np.int8]:
         """Return what the modes command the grippers to do in the next decision, [envs, robots]."""
@@ -127,6 +139,8 @@ class DecPomdp:
         self.collisions = self.collisions * (self.mode == self._was_mode) + collided
         self.previous_action = actions.copy()
         self.pheromone.update(self._seen.cell, self.shown_mode, self._percept.laden, actions)
+        if self._reader is not None:
+            self._patch = self._reader.read(self._around_on_map())
 
     def _stay(self, motion: Motion) -> Bools:
         """Return who is still in place, [envs, robots].
@@ -166,12 +180,24 @@ class DecPomdp:
         )
         end = write_own_state(layout, own, out)
         if layout.patch:
-            heading = seen.heading if layout.own_frame else None
-            self.pheromone.read(seen.cell, out[..., end : end + self.pheromone.patch_size], heading)
+            patch = out[..., end : end + self.pheromone.patch_size]
+            if self._reader is None:
+                self._read_map(patch)
+            else:
+                patch[...] = self._patch
         if layout.density:
             density = self.density if seen is self._true else self.grid.tunnel_density(seen.cell)
             np.minimum(density, 1.0, out=out[..., -1].T)
         return out
+
+    def _read_map(self, out: NDArray[np.float32]) -> None:
+        """Write what is on the pheromone map around where robots take themselves to be."""
+        self.pheromone.read(self._seen.cell, out, self._seen.heading if self.layout.own_frame else None)
+
+    def _around_on_map(self) -> NDArray[np.float32]:
+        patch = np.empty((*self._seen.cell.shape, self.pheromone.patch_size), dtype=np.float32)
+        self._read_map(patch)
+        return patch
 
     def _around(self) -> tuple[Bools | None, NDArray[np.float64]]:
         """Return free neighbours and gains, [envs, robots, 8] each, of the map's sides or the robot's own."""

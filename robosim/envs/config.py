@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from robosim.arena import Arena, load_arena
 from robosim.discretise.observation import Encoding, ObservationLayout
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import RewardConfig
+from robosim.envs.profile import ProfileConfig, load_profile
 from robosim.errors import refused
 from robosim.records import Record
 from robosim.robot.drivers import ActionKind
@@ -53,6 +55,8 @@ class EnvConfig(Record):
     """How unevenly pellets may lie as an episode begins, as they do after long digging; 0 for evenly."""
     episode_steps: int = Field(default=0, ge=0, le=MOST_STEPS)
     """Decisions in an episode; 0 for as many as the arena says."""
+    profile: ProfileConfig | None = None
+    """What is random and wrong about robots and what they perceive; none for nothing."""
 
     @property
     def layout(self) -> ObservationLayout:
@@ -68,9 +72,11 @@ def env_config(base: EnvConfig | Arena | str | Path | None = None, **fields: Any
 
     `base` is a configuration, or the arena of one: a name, a file or an arena already read. `fields` replace
     fields of it, those of its rewards and pheromones by their short names (`reward="local"`,
-    `signed_distance=True`, `pheromone_decay=0.2`); None leaves a field as it is. The configuration returned
-    holds the arena's text, so that it is whole wherever it goes. Raises InputError.
+    `signed_distance=True`, `pheromone_decay=0.2`); None leaves a field as it is. `profile` may be the name or
+    the path of one, or a table. The configuration returned holds the arena's text, so that it is whole
+    wherever it goes. Raises InputError.
     """
+    fields = with_profile(fields)
     config, arena_of_base = (base, None) if isinstance(base, EnvConfig) else (EnvConfig(), base)
     places = (fields.pop("arena", None), arena_of_base, config.arena)
     given = next(place for place in places if place is not None)
@@ -84,3 +90,15 @@ def env_config(base: EnvConfig | Arena | str | Path | None = None, **fields: Any
     arena = given if isinstance(given, Arena) else load_arena(given)
     config = config.with_options(**{name: value for name, value in fields.items() if value is not None})
     return config.changed(arena=arena.text), arena
+
+
+def with_profile(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options with their `profile` as a record, given as name, path, text or table."""
+    given = options.get("profile")
+    if given is None or isinstance(given, ProfileConfig):
+        return dict(options)
+    if isinstance(given, Mapping):
+        return {**options, "profile": ProfileConfig.from_table(given, "profile")}
+    if not isinstance(given, str | Path):
+        raise refused("profile", given, "a profile, or the name, the path or the text of one")
+    return {**options, "profile": load_profile(given)}

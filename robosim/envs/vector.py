@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena import Arena
 from robosim.discretise.dec_pomdp import DecPomdp
+from robosim.discretise.noise import make_sensor
 from robosim.envs.config import EnvConfig, env_config
+from robosim.envs.profile import ProfileConfig
 from robosim.episodes.frame import Frame
 from robosim.episodes.trajectory import Trajectory
 from robosim.errors import InputError, refused, whole_number
@@ -107,13 +109,23 @@ class VectorEnv:
         self.robots = config.robots
         self.layout = config.layout
         self.num_actions = self.layout.num_actions
+        profile = config.profile or ProfileConfig()
         self._world = make_world(
-            config.world, arena, config.robots, self.num_envs, config.actions, config.pellet_gradient
+            config.world,
+            arena,
+            config.robots,
+            self.num_envs,
+            config.actions,
+            config.pellet_gradient,
+            profile.motion,
         )
         self.arena = self._world.arena
         """The map, with the timing of the world."""
         self.episode_steps = config.episode_steps or self.arena.timing.episode_steps
-        self._dec = DecPomdp(self._world, self.layout, config.reward, config.pheromone)
+        sensor = make_sensor(profile.sensing, arena, self.num_envs, config.robots)
+        self._dec = DecPomdp(
+            self._world, self.layout, config.reward, config.pheromone, sensor, profile.pheromones
+        )
         self.episode = -1
         """Episodes begun before the current one; -1 before the first reset."""
         self.steps_taken = 0
@@ -183,7 +195,7 @@ class VectorEnv:
             grown[: self.steps_taken] = self._history
             self._history = grown
         self._history[self.steps_taken] = chosen
-        world.step(chosen, dec.gripper_commands())
+        world.step(chosen, dec.gripper_commands(), dec.believed)
         self._reward = dec.update(chosen, world.state).astype(np.float32)
         self.delivered = self.delivered + world.state.deliveries
         self.steps_taken += 1

@@ -337,7 +337,7 @@ def _require_technique(name: str) -> None:
 
 def _require_options(names: Iterable[str]) -> None:
     """Raise InputError for what is an option of no algorithm's runs."""
-    known = {*RunConfig.options(), _TECHNIQUE}
+    known = {*RunConfig.options(), _TECHNIQUE, "profile"}
     strange = [name for name in names if name not in known]
     if strange:
         known.update(*(find_algorithm(name).model_fields for name in algorithm_names()))

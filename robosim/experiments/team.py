@@ -17,6 +17,7 @@ from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
 from robosim.control.policy import RUN_POLICY, WEIGHTS_FILE, find_policy, read_policy
 from robosim.envs.config import MOST_STEPS, EnvConfig
+from robosim.envs.profile import LONGEST_PROFILE, profile_text
 from robosim.envs.vector import VectorEnv
 from robosim.experiments.jobs import Job, Outcome, Report, ignore
 from robosim.experiments.measures import evaluation_figures, evaluation_series, learning_curve
@@ -37,6 +38,8 @@ class Measuring(Record):
     """How many."""
     steps: int = Field(default=0, ge=0, le=MOST_STEPS)
     """Decisions in each of them; 0 for as many as the arena says."""
+    profile: str | None = Field(default=None, max_length=LONGEST_PROFILE)
+    """What is random and wrong about robots then, by name, path or text of a profile; none for nothing."""
 
 
 def learning_job(run: RunConfig, measuring: Measuring) -> Job:
@@ -47,7 +50,10 @@ def learning_job(run: RunConfig, measuring: Measuring) -> Job:
     table = run.model_dump(mode="json", exclude_none=True)
     return Job(
         table
-        | {"run": {"technique": run.run.technique, "seed": run.run.seed}, "evaluation": _table(measuring)}
+        | {
+            "run": {"technique": run.run.technique, "seed": run.run.seed},
+            "evaluation": _evaluation(measuring),
+        }
     )
 
 
@@ -57,11 +63,11 @@ def measuring_job(team: str, env: EnvConfig, seed: int, measuring: Measuring) ->
     InputError when there is no such team.
     """
     # What only training asks for must not tell jobs from one another.
-    plain = env.changed(pellet_gradient=0.0, episode_steps=0).model_dump(mode="json", exclude_none=True)
+    plain = _table(env.changed(pellet_gradient=0.0, episode_steps=0, profile=None))
     config: dict[str, Any] = {
         "env": plain,
         "run": {"technique": team, "seed": seed},
-        "evaluation": _table(measuring),
+        "evaluation": _evaluation(measuring),
     }
     if team not in SCRIPTED:
         weights = find_policy(team.removeprefix(POLICY)) / WEIGHTS_FILE
@@ -161,11 +167,12 @@ def _measured(
     began = time.perf_counter()
     env_seed = child_seed(seed, EVALUATION_SEED)
     env = VectorEnv(
-        config,
+        config.changed(profile=None),
         num_envs=min(measuring.episodes, _SIDE_BY_SIDE),
         seed=env_seed,
         pellet_gradient=0.0,
         episode_steps=measuring.steps,
+        profile=measuring.profile,
     )
     monitor = TeamMonitor()
     evaluation = evaluate(controller, env, measuring.episodes, env_seed, watch=[monitor, shares])
@@ -179,6 +186,13 @@ def _measured(
 
 def _unheard(_sentence: str) -> None:
     """Pass over what is said of damaged checkpoints: the run goes on from a good one."""
+
+
+def _evaluation(measuring: Measuring) -> dict[str, Any]:
+    """Return what a job says of how its team is measured; the file of a profile by its text."""
+    if measuring.profile is not None:
+        measuring = measuring.changed(profile=profile_text(measuring.profile))
+    return _table(measuring)
 
 
 def _table(record: Record) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from robosim.arena import arena_names, load_arena
 from robosim.control.policy import policy_names
-from robosim.envs.config import EnvConfig
+from robosim.envs.config import EnvConfig, with_profile
+from robosim.envs.profile import LONGEST_PROFILE, profile_text
 from robosim.envs.variety import VarietyConfig
 from robosim.errors import InputError, nearest_names, shown
 from robosim.learning.algorithms.dqn.config import DqnConfig
@@ -72,6 +73,9 @@ class RunSettings(Record):
     """Episodes without exploration after training; 0 for none."""
     evaluation_steps: int = Field(default=0, ge=0, le=10**8)
     """Decisions in each of them; 0 for as many as the arena says."""
+    evaluation_profile: str | None = Field(default=None, max_length=LONGEST_PROFILE)
+    """Profile of the evaluation after training and of playbacks, by name, path or text; none for robots as
+    their data sheet says, whatever profile they learn under."""
 
 
 class RunConfig(Record):
@@ -138,12 +142,15 @@ class RunConfig(Record):
 def run_config(technique: str = DEFAULT_TECHNIQUE, **options: Any) -> RunConfig:
     """Return the configuration of a run by a technique, with other values in the fields of these names.
 
-    Names are those of the command line: `robots`, `steps`, `learning_rate`, `pheromone_decay` and so on.
+    Names are those of the command line: `robots`, `steps`, `learning_rate`, `pheromone_decay` and so on;
+    `profile` is a profile, or the name, path or text of one.
     InputError for a technique or an option that there is not, and for a wrong value.
     """
     preset = find_technique(technique)
     algorithm = find_algorithm(preset.algorithm)()
-    base = RunConfig(algorithm=algorithm, run=RunSettings(technique=technique))
+    options = with_profile(options)
+    env = TRAINING_ENV.changed(profile=options.pop("profile", None))
+    base = RunConfig(env=env, algorithm=algorithm, run=RunSettings(technique=technique))
     return base.with_options(**preset.options_with(options))
 
 
@@ -159,6 +166,8 @@ def self_contained(config: RunConfig) -> RunConfig:
         config = config.with_options(arena=load_arena(arena).text)
     if config.variety is not None:
         config = config.changed(variety=config.variety.self_contained())
+    if config.run.evaluation_profile is not None:
+        config = config.with_options(evaluation_profile=profile_text(config.run.evaluation_profile))
     if start not in policy_names() and os.path.isdir(start):  # noqa: PTH112 - a name may be too long
         config = config.with_options(start_from=str(Path(start).absolute()))
     return config

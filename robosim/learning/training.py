@@ -260,9 +260,16 @@ def evaluation_env(
 ) -> VectorEnv:
     """Return environments to see what a team has learned in: pellets lie evenly as an episode begins.
 
-    `steps` is the length of an episode, 0 for the arena's own.
+    `steps` is the length of an episode, 0 for the arena's own. The profile is that of evaluation, not that
+    under which the team learns.
     """
     robots = config.env.robots if robots is None else robots
     return VectorEnv(
-        config.env, num_envs=num_envs, seed=seed, robots=robots, pellet_gradient=0.0, episode_steps=steps
+        config.env.changed(profile=None),
+        num_envs=num_envs,
+        seed=seed,
+        robots=robots,
+        pellet_gradient=0.0,
+        episode_steps=steps,
+        profile=config.run.evaluation_profile,
     )

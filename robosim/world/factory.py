@@ -6,6 +6,7 @@ from typing import Literal, get_args
 
 from robosim.arena.model import Arena
 from robosim.robot.drivers import ActionKind
+from robosim.world.motion import MotionConfig
 from robosim.world.state import World
 
 WorldKind = Literal["physics", "grid"]
@@ -20,16 +21,19 @@ def make_world(
     num_envs: int,
     actions: ActionKind = "cardinal",
     pellet_gradient: float = 0.0,
+    motion: MotionConfig | None = None,
 ) -> World:
     """Return a batch of worlds of that kind; nothing else names one.
 
-    `pellet_gradient` says how unevenly pellets may lie as an episode begins. Raises InputError when the
-    robots do not fit the arena. Loads the world's own libraries only now.
+    `pellet_gradient` says how unevenly pellets may lie as an episode begins, `motion` how robots differ from
+    their data sheet. Raises InputError when the robots do not fit the arena, and for a `motion` that this
+    world does not know. Loads the world's own libraries only now.
     """
+    motion = MotionConfig() if motion is None else motion
     if kind == "grid":
         from robosim.world.grid import GridWorld
 
-        return GridWorld(arena, robots, num_envs, actions, pellet_gradient)
+        return GridWorld(arena, robots, num_envs, actions, pellet_gradient, motion)
     from robosim.world.physics import PhysicsWorld
 
-    return PhysicsWorld(arena, robots, num_envs, actions, pellet_gradient)
+    return PhysicsWorld(arena, robots, num_envs, actions, pellet_gradient, motion)

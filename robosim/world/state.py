@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Arena
 from robosim.world.contacts import ContactKind, Contacts
+from robosim.world.motion import MotionDraws
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -128,13 +129,19 @@ class World(Setting, Protocol):
     wheel_energy: Floats
     """[envs, robots] energy lost at the wheels in the episode so far, J; 0 where it is not metered, NaN in a
     world that knows no forces."""
+    drawn: Sequence[MotionDraws]
+    """[envs] what the episode has drawn from the ranges of its `MotionConfig`."""
 
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment; everything random in it comes from its one of `seeds`."""
         ...
 
-    def step(self, actions: Integers, gripper: NDArray[np.int8]) -> None:
-        """Advance all environments by one decision: actions and gripper are [envs, robots]."""
+    def step(self, actions: Integers, gripper: NDArray[np.int8], believed: Floats | None = None) -> None:
+        """Advance all environments by one decision: actions and gripper are [envs, robots].
+
+        `believed` [envs, robots, 3] is where robots take themselves to be, which they steer by; None where
+        they know.
+        """
         ...
 
     def meter_wheels(self) -> None:

@@ -8,6 +8,7 @@ import pymunk
 import pytest
 
 from robosim.arena import Arena, parse_arena
+from robosim.world.motion import EXACT, MotionConfig
 from robosim.world.physics import PhysicsWorld
 from robosim.world.state import Gripper
 
@@ -33,10 +34,10 @@ def floor_arena(
 class Bench:
     """One world with one environment, and direct access to its bodies."""
 
-    def __init__(self, arena: Arena, actions: str = "wheels") -> None:
+    def __init__(self, arena: Arena, actions: str = "wheels", motion: MotionConfig = EXACT) -> None:
         robots = len(arena.start.poses)
         self.arena = arena
-        self.world = PhysicsWorld(arena, robots, 1, actions)
+        self.world = PhysicsWorld(arena, robots, 1, actions, motion=motion)
         self.world.reset([np.random.SeedSequence(0)])
         self._bodies = self.world._spaces[0]
         self.space: pymunk.Space = self._bodies._space
@@ -77,8 +78,12 @@ def bench() -> Callable[..., Bench]:
     """Build a bench: robots at `poses`, tables of the arena file by name, and the kind of actions."""
 
     def build(
-        poses: list[tuple[float, float, float]], actions: str = "wheels", drawing: str = FLOOR, **tables: Any
+        poses: list[tuple[float, float, float]],
+        actions: str = "wheels",
+        drawing: str = FLOOR,
+        motion: MotionConfig = EXACT,
+        **tables: Any,
     ) -> Bench:
-        return Bench(floor_arena(poses, drawing, **tables), actions)
+        return Bench(floor_arena(poses, drawing, **tables), actions, motion)
 
     return build

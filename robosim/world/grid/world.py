@@ -22,13 +22,21 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
 from robosim.errors import refused
-from robosim.robot.drivers import ACTION_NAMES, CARDINAL_STEPS, ActionKind
+from robosim.robot.drivers import ACTION_NAMES, CARDINAL_STEPS, STOP, ActionKind
 from robosim.world.contacts import ContactKind, Contacts, no_contacts
 from robosim.world.draws import draw_episode
 from robosim.world.grid.conflicts import Crowd, Outcome
 from robosim.world.grid.layout import cells_at, grid_arena, middles
 from robosim.world.grid.lots import Lots
 from robosim.world.grid.pellets import PelletStore
+from robosim.world.motion import (
+    EXACT,
+    LateCommands,
+    MotionConfig,
+    MotionDraws,
+    draw_motion,
+    require_meaning_on_grid,
+)
 from robosim.world.state import Gripper, blank_state
 
 Floats = NDArray[np.float64]
@@ -50,9 +58,16 @@ class GridWorld:
     """Robots on cells, one a cell."""
 
     def __init__(
-        self, arena: Arena, robots: int, num_envs: int, actions: ActionKind, pellet_gradient: float = 0.0
+        self,
+        arena: Arena,
+        robots: int,
+        num_envs: int,
+        actions: ActionKind,
+        pellet_gradient: float = 0.0,
+        motion: MotionConfig = EXACT,
     ) -> None:
         """`pellet_gradient` is explained in `robosim.world.draws.draw_pellets`."""
+        require_meaning_on_grid(motion)
         if actions == "wheels-9":
             raise refused("actions", actions, '"cardinal" or "wheels" in the grid, which turns by quarters')
         self.arena = grid_arena(arena)
@@ -60,6 +75,9 @@ class GridWorld:
             room = f"the room in arena {arena.name!r} in the grid, one robot a cell"
             raise refused("robots", robots, f"a whole number from 1 to {self.arena.capacity}, {room}")
         self._pellet_gradient = pellet_gradient
+        self._motion = motion
+        self._late: LateCommands | None = None
+        self.drawn: Sequence[MotionDraws] = ()
         self.robots = robots
         self.num_envs = num_envs
         self.on_cells = True
@@ -107,6 +125,10 @@ class GridWorld:
             spots[env] = draws.pellet_spot
         self._lots.reset(rngs)
         self._decisions = 0
+        self.drawn = [draw_motion(self._motion, self.robots, seed) for seed in seeds]
+        if self._motion.late:
+            period, idle = self.arena.timing.decision_period, np.full(self._cell.shape, STOP, dtype=np.int64)
+            self._late = LateCommands(self._motion, self.drawn, seeds, period, 1, idle)
         self._crowd.place(self._cell)
         for nothing in (state.held, state.touching, state.picked):
             nothing.fill(-1)
@@ -120,8 +142,14 @@ class GridWorld:
         self._pellets.feel(self._cell, self._nose)
         self.contacts = no_contacts()
 
-    def step(self, actions: Integers, gripper: NDArray[np.int8]) -> None:
-        """Advance all environments by one decision: actions and gripper commands are [envs, robots]."""
+    def step(self, actions: Integers, gripper: NDArray[np.int8], believed: Floats | None = None) -> None:
+        """Advance all environments by one decision: actions and gripper commands are [envs, robots].
+
+        Moves go from cell to cell, wherever robots take themselves to be: `believed` changes nothing.
+        """
+        if self._late is not None:
+            self._late.send(actions, self._decisions)
+            actions = self._late.received(self._decisions)
         self._decisions += 1
         order, chance = self._lots.draw()
         choice = self._heading * self._num_actions + actions

@@ -156,6 +156,11 @@ class EpisodeSpace:
         batch.set_space_bodies(self._controls, COMMAND_FIELDS, self._commands)
         self.advance()
 
+    def drive_substep(self) -> None:
+        """Hold the velocities in `commands` for one substep."""
+        batch.set_space_bodies(self._controls, COMMAND_FIELDS, self._commands)
+        self._space.step(self._substep)
+
     def advance(self) -> None:
         """Run the solver for one control period: the floor under everything's cost."""
         step, substep = self._space.step, self._substep

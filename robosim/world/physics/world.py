@@ -14,7 +14,9 @@ from robosim.robot.drivers import ActionKind, make_driver
 from robosim.robot.kinematics import body_twist, slew, wrap_angle
 from robosim.world.contacts import no_contacts
 from robosim.world.draws import draw_episode
+from robosim.world.motion import EXACT, MotionConfig, MotionDraws, draw_motion, with_motion
 from robosim.world.physics.contacts import ContactLog, lasting, mark_touched, touching_pellets
+from robosim.world.physics.motors import Motors
 from robosim.world.physics.space import EpisodeSpace
 from robosim.world.state import ABSENT, HELD, LOOSE, Gripper, blank_state
 
@@ -36,7 +38,13 @@ class PhysicsWorld:
     """Robots and pellets as rigid bodies; robots move only by wheel commands within their data sheet."""
 
     def __init__(
-        self, arena: Arena, robots: int, num_envs: int, actions: ActionKind, pellet_gradient: float = 0.0
+        self,
+        arena: Arena,
+        robots: int,
+        num_envs: int,
+        actions: ActionKind,
+        pellet_gradient: float = 0.0,
+        motion: MotionConfig = EXACT,
     ) -> None:
         """`pellet_gradient` is explained in `robosim.world.draws.draw_pellets`."""
         if robots > arena.capacity:
@@ -58,6 +66,9 @@ class PhysicsWorld:
         # Arrays of one number: numpy takes them much faster than Python's.
         self._max_change = np.array(sheet.max_wheel_acceleration * timing.control_period)
         self._half_period = np.array(0.5 * timing.control_period)
+        self.motion = motion
+        self._motors: Motors | None = None
+        self.drawn: Sequence[MotionDraws] = ()
         self._gripper_offset = 0.5 * sheet.length
         self._gripper_reach = arena.pellets.radius + sheet.gripper_reach
         self._home = (arena.zones == Zone.HOME).ravel()
@@ -76,6 +87,7 @@ class PhysicsWorld:
         self._traction = np.zeros(shape)
         self._max_speed = np.zeros((*shape, 1))
         self._commands = np.zeros((*shape, 3))
+        self._driven = np.zeros((*shape, 3))
         self._anchor_x = np.zeros(shape)
         self._anchor_y = np.zeros(shape)
         self._first_pellet = pellets * np.arange(num_envs)[:, None]
@@ -108,6 +120,9 @@ class PhysicsWorld:
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment; everything random in it comes from its one of `seeds`."""
         self._rngs = [np.random.default_rng(seed) for seed in seeds]
+        self.drawn = [draw_motion(self.motion, self.robots, seed) for seed in seeds]
+        if self.motion != EXACT:
+            self._motors = Motors(self.motion, self.drawn, seeds, self.arena)
         self._commands[...] = 0.0
         self._spaces = [self._built(env, rng) for env, rng in enumerate(self._rngs)]
         self._log.know_bodies(np.stack([space.body_ids for space in self._spaces]))
@@ -133,6 +148,7 @@ class PhysicsWorld:
     def _built(self, env: int, rng: np.random.Generator) -> EpisodeSpace:
         """Draw an environment's episode and build its bodies."""
         draws, speed_factor = draw_episode(self.arena, self.robots, rng, self.pellet_gradient)
+        draws = with_motion(draws, self.drawn[env])
         space = EpisodeSpace(self.arena, draws, self._commands[env])
         self._traction[env] = self.arena.robot.traction_force * draws.robot_mass * draws.traction
         self._max_speed[env, :, 0] = self.arena.robot.max_wheel_speed * speed_factor
@@ -140,13 +156,18 @@ class PhysicsWorld:
         self._slots[env, :-1] = draws.pellet_place
         return space
 
-    def step(self, actions: Integers, gripper: NDArray[np.int8]) -> None:
-        """Advance all environments by one decision: actions and gripper commands are [envs, robots]."""
+    def step(self, actions: Integers, gripper: NDArray[np.int8], believed: Floats | None = None) -> None:
+        """Advance all environments by one decision: actions and gripper commands are [envs, robots].
+
+        Robots steer by where they take themselves to be, `believed` [envs, robots, 3], as the decision
+        begins, and within it by their own motion, which their wheels tell them.
+        """
         self.begin_decision()
-        self._driver.begin(self.state.pose, actions)
+        astray = None if believed is None else believed - self.state.pose
+        self._driver.begin(self._felt(astray), actions)
         for _ in range(self.arena.timing.control_steps - 1):
-            self.drive(self._driver.wheel_speeds(self.state.pose))
-        self.end_decision(self._driver.wheel_speeds(self.state.pose), gripper)
+            self.drive(self._driver.wheel_speeds(self._felt(astray)))
+        self.end_decision(self._driver.wheel_speeds(self._felt(astray)), gripper)
 
     def begin_decision(self) -> None:
         """Forget the contacts of the decision before."""
@@ -166,6 +187,9 @@ class PhysicsWorld:
             self._meter(before)
         self._read_contacts()
         self._handle_pellets(gripper)
+
+    def _felt(self, astray: Floats | None) -> Floats:
+        return self.state.pose if astray is None else self.state.pose + astray
 
     def drive(self, wheel_speeds: Floats) -> None:
         """Hold wheel speeds [envs, robots, 2] (rad/s) for one control period, within the data sheet.
@@ -193,7 +217,8 @@ class PhysicsWorld:
         """Add the control period's loss: pose and velocity were `before` at its beginning."""
         timing, sheet = self.arena.timing, self.arena.robot
         pose, velocity = before
-        slip = self._commands * timing.control_period - (self.state.pose - pose)
+        driven = self._commands * timing.control_period if self._motors is None else self._driven
+        slip = driven - (self.state.pose - pose)
         # The solver moves bodies by the velocity before a substep, so their displacement lags by half of one.
         slip -= (self.state.velocity - velocity) * (0.5 * timing.substep)
         slipped = np.hypot(slip[..., 0], slip[..., 1])
@@ -202,22 +227,54 @@ class PhysicsWorld:
 
     def _push(self, wheel_speeds: Floats) -> None:
         """Do what `drive` does, but do not look where the bodies have come to."""
-        commands = self._commands
+        motors = self._motors
+        if motors is not None:
+            wheel_speeds = motors.geared(wheel_speeds)
+            if motors.gradual:
+                self._push_gradually(motors, wheel_speeds)
+                return
         self.wheel_speeds = slew(self.wheel_speeds, wheel_speeds, self._max_speed, self._max_change)
+        self._command(self.state.pose[..., 2], self._half_period)
+        if motors is not None:
+            self._driven = self._commands * self.arena.timing.control_period
+        self._control_steps += 1
+        for env, space in enumerate(self._spaces):
+            space.drive()
+            self._log.add(env, space.list_contacts())
+
+    def _push_gradually(self, motors: Motors, wheel_speeds: Floats) -> None:
+        """Do what `_push` does, with wheels that change their speed in every substep."""
+        timing, robots = self.arena.timing, self.robots
+        heading = self.state.pose[..., 2].copy()
+        self._driven = np.zeros_like(self._commands)
+        motors.send(wheel_speeds)
+        for substep in range(timing.substeps):
+            if substep:
+                for env, space in enumerate(self._spaces):
+                    heading[env] = space.poses()[:robots, 2]
+            wanted = motors.wanted(self.wheel_speeds)
+            self.wheel_speeds = slew(self.wheel_speeds, wanted, self._max_speed, motors.max_change)
+            self._command(heading, motors.half_substep)
+            self._driven += self._commands * timing.substep
+            for space in self._spaces:
+                space.drive_substep()
+        self._control_steps += 1
+        for env, space in enumerate(self._spaces):
+            self._log.add(env, space.list_contacts())
+
+    def _command(self, heading: Floats, half: Floats) -> None:
+        """Command the velocities that the wheel speeds give robots of a heading, for twice `half` s."""
+        commands = self._commands
         speed, rate = body_twist(self.arena.robot, self.wheel_speeds)
         # The chord of the arc that the wheels describe: the end of the period is then exact.
-        half_turn = rate * self._half_period
-        chord = self.state.pose[..., 2] + half_turn
+        half_turn = rate * half
+        chord = heading + half_turn
         half_turn += TINY
         speed *= np.sin(half_turn)
         speed /= half_turn
         np.multiply(speed, np.cos(chord), out=commands[..., 0])
         np.multiply(speed, np.sin(chord), out=commands[..., 1])
         commands[..., 2] = rate
-        self._control_steps += 1
-        for env, space in enumerate(self._spaces):
-            space.drive()
-            self._log.add(env, space.list_contacts())
 
     def _read_bodies(self) -> None:
         """Read robots and pellets, and fold the headings, at the end of a decision."""

@@ -1,0 +1,100 @@
+"""Profiles: how far robots and what they perceive are from their data sheet, under a name.
+
+What training randomises and what evaluation uses are profiles beside the arena, chosen by name or as a file.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from functools import lru_cache
+from pathlib import Path
+
+from pydantic import Field
+
+from robosim.arena.shipped import shipped_folder
+from robosim.discretise.noise import ReadingConfig, SensingConfig
+from robosim.errors import InputError, nearest_names
+from robosim.records import Record
+from robosim.world.motion import MotionConfig
+
+LONGEST_PROFILE = 100_000
+"""Bytes of a profile's file."""
+
+
+class ProfileConfig(Record):
+    """What episodes draw at random, and what robots perceive wrongly; by default nothing."""
+
+    name: str = Field(default="", max_length=60)
+    """For the reader: no code asks for it."""
+    description: str = Field(default="", max_length=2000)
+    """What it stands for, and where its numbers come from."""
+    motion: MotionConfig = MotionConfig()
+    """Wheels, motors, masses and friction, drawn anew in every episode, and late commands."""
+    sensing: SensingConfig = SensingConfig()
+    """How robots learn where they are."""
+    pheromones: ReadingConfig = ReadingConfig()
+    """How robots read the pheromone map."""
+
+
+def profile_names() -> list[str]:
+    """Names of the profiles that ship, sorted."""
+    return sorted(path.stem for path in shipped_folder("profiles").glob("*.toml"))
+
+
+def load_profile(name_or_path: str | Path) -> ProfileConfig:
+    """Read and check a profile: a shipped one by name, any file by path, or the text of a file.
+
+    What has more than one line is the text of a file. InputError in one sentence for whatever is wrong.
+    """
+    if isinstance(name_or_path, str) and "\n" in name_or_path:
+        return _parsed(name_or_path, "profile")
+    path = _find(name_or_path)
+    return _parsed(_read(path), str(path))
+
+
+def profile_text(name_or_path: str) -> str:
+    """Return the name of a profile that ships, and the text of any other, which means the same anywhere."""
+    if "\n" in name_or_path or name_or_path in profile_names():
+        return name_or_path
+    load_profile(name_or_path)
+    return _read(Path(name_or_path)) + "\n"
+
+
+@lru_cache(maxsize=16)
+def _parsed(text: str, place: str) -> ProfileConfig:
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{place}: not a TOML file ({error}).") from None
+    return ProfileConfig.from_table(table, place)
+
+
+def _find(name_or_path: str | Path) -> Path:
+    text = os.fspath(name_or_path)
+    names = profile_names()
+    if text in names:
+        return shipped_folder("profiles") / f"{text}.toml"
+    path = Path(text)
+    if isinstance(name_or_path, str) and path.name == text and path.suffix != ".toml":
+        raise InputError(f"No profile is named {text!r}: {nearest_names(text, names)}")
+    return path
+
+
+def _read(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            data = file.read(LONGEST_PROFILE + 1)
+    except IsADirectoryError:
+        raise InputError(f"{path}: this is a directory; give the profile's file (.toml) itself.") from None
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such profile.") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(f"{path}: cannot be read: {reason}.") from None
+    if len(data) > LONGEST_PROFILE:
+        raise InputError(f"{path}: larger than {LONGEST_PROFILE} bytes, the most a profile may have.")
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8, as a profile must be.") from None
