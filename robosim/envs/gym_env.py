@@ -29,7 +29,8 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
     controller. `arena` and `fields` are those of `robosim.envs.config.env_config`, but here the reward is
     `local` unless you say otherwise: what others deliver says little of one learner's own actions. Episodes
     end by truncation after `episode_steps` decisions. The info has the pellets `delivered` by your robot
-    and by the team (`team_delivered`) so far, and the `seed`. Wrong input raises InputError.
+    and by the team (`team_delivered`) so far, and the `seed`; under a profile that of a reset has what was
+    `drawn` for your robot, too. Wrong input raises InputError.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
@@ -69,7 +70,10 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
         super().reset(seed=None if seed is None else int(seed))
         self._others.reset(self._batch)
         self._under_way = True
-        return self._observation[0, 0].copy(), self._info()
+        info, drawn = self._info(), self._batch.drawn
+        if drawn is not None:
+            info["drawn"] = drawn[0].of_robot(0)
+        return self._observation[0, 0].copy(), info
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take one decision: `action` for your robot, the controller's for the others."""

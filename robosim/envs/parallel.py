@@ -29,7 +29,8 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
     `robosim.parallel_env(arena, robots=4, ...)` makes one; `arena` and `fields` are those of
     `robosim.envs.config.env_config`. Every agent acts in every step, with the number of an action; all agents
     end together, by truncation after `episode_steps` decisions. Each info has the pellets `delivered` by the
-    robot so far, and the episode's `seed`. Wrong input raises InputError.
+    robot so far, and the episode's `seed`; under a profile those of a reset have what was `drawn` for it,
+    too. Wrong input raises InputError.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "robosim_excavation_v0", "render_modes": ["rgb_array"]}
@@ -70,7 +71,11 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
         """
         self._observation = self._seed.begin(seed)[0]
         self.agents = self.possible_agents[:]
-        return self._by_agent(self._observation), self._infos()
+        infos, drawn = self._infos(), self._batch.drawn
+        if drawn is not None:
+            for robot, agent in enumerate(self.possible_agents):
+                infos[agent]["drawn"] = drawn[0].of_robot(robot)
+        return self._by_agent(self._observation), infos
 
     def step(
         self, actions: Mapping[str, int]

@@ -22,6 +22,7 @@ from robosim.episodes.frame import Frame
 from robosim.episodes.trajectory import Trajectory
 from robosim.errors import InputError, refused, whole_number
 from robosim.world.factory import make_world
+from robosim.world.motion import MotionDraws
 from robosim.world.state import World
 
 MAX_ENVS = 4096
@@ -150,6 +151,11 @@ class VectorEnv:
         """Modes, collisions and pheromones."""
         return self._dec
 
+    @property
+    def drawn(self) -> tuple[MotionDraws, ...] | None:
+        """[envs] what the present episodes have drawn from the profile; None without one, before a reset."""
+        return tuple(self._world.drawn) if self.config.profile is not None and self.episode >= 0 else None
+
     def reset(self, seed: int | Sequence[int] | None = None) -> NDArray[np.float32]:
         """Begin new episodes; returns the observations [envs, robots, size].
 
@@ -275,6 +281,7 @@ class VectorEnv:
             episode=self.episode,
             chosen=self._history[: self.steps_taken, env].copy(),
             policy=policy,
+            drawn=None if self.drawn is None else self.drawn[env].table(),
         )
 
     def seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:

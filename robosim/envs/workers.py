@@ -23,6 +23,7 @@ from robosim.envs.config import EnvConfig
 from robosim.envs.vector import Snapshot, Transition, VectorEnv, checked_actions
 from robosim.episodes.frame import Frame
 from robosim.errors import InputError, refused
+from robosim.world.motion import MotionDraws
 
 _PATIENCE = 5.0
 """Time that a worker is given to end by itself, s."""
@@ -147,6 +148,14 @@ class WorkerVectorEnv:
         """[envs, robots] pellets delivered by each robot in the current episode."""
         return self._copy("delivered")
 
+    @property
+    def drawn(self) -> tuple[MotionDraws, ...] | None:
+        """[envs] what the present episodes have drawn from the profile; None without one, before a reset."""
+        for worker in range(len(self._shares)):
+            self._send(worker, ("drawn", None))
+        parts = self._answers()
+        return None if parts[0] is None else tuple(one for part in parts for one in part)
+
     def frame(self, env: int = 0) -> Frame:
         """Return what a recorder reads of one environment after reset() and after each step()."""
         for worker, share in enumerate(self._shares):
@@ -260,8 +269,8 @@ def _work(
                     arrays[name][:] = value
             elif command == "restore":
                 arrays["observation"][:] = env.restore(argument)
-            elif command == "snapshot":
-                answer = env.snapshot()
+            elif command in ("snapshot", "drawn"):
+                answer = env.snapshot() if command == "snapshot" else env.drawn
             elif command == "frame":
                 answer = env.frame(argument)
             arrays["delivered"][:] = env.delivered

@@ -38,4 +38,9 @@ def begun(trajectory: Trajectory, source: str = "trajectory") -> VectorEnv:
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     env.restore(Snapshot(env.seeds, trajectory.episode, trajectory.chosen[:0, None]))
+    drawn = None if env.drawn is None else env.drawn[0].table()
+    if trajectory.drawn is not None and trajectory.drawn != drawn:
+        raise InputError(
+            f"{source}: drawn is not what its seed, episode and profile draw here, so it cannot be run again."
+        )
     return env

@@ -8,8 +8,10 @@ import struct
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +27,11 @@ LONGEST_POLICY = 4096
 
 _FORMAT = 4
 _FIELDS = ("format", "config", "seed", "episode", "chosen", "policy")
+_DRAWN = "drawn"
+"""The field that is there under a profile alone."""
 _LARGEST = 2**30
-_LONGEST_CONFIG = 10_000_000
-"""Bytes of the configuration; an arena's text takes up to a million characters."""
+_LONGEST_TEXT = 10_000_000
+"""Bytes of the configuration, and of what was drawn; an arena's text takes up to a million characters."""
 _DAMAGE = (
     ValueError,
     TypeError,
@@ -62,6 +66,9 @@ class Trajectory:
     """[decisions, robots] actions."""
     policy: str = ""
     """Who drove, in a line of at most `LONGEST_POLICY` printable characters; empty if unknown."""
+    drawn: Mapping[str, Any] | None = None
+    """What the episode drew from its profile (`MotionDraws.table`), which a replay must draw again; None
+    without a profile."""
 
     @property
     def robots(self) -> int:
@@ -71,16 +78,24 @@ class Trajectory:
         """Write the trajectory to an .npz file, whole or not at all; InputError if that cannot be."""
         require_place(path)
         _check_policy(Path(path), self.policy)
+        drawn: dict[str, Any] = {}
+        if self.drawn is not None:
+            drawn[_DRAWN] = _bytes(json.dumps(dict(self.drawn)))
         with whole_file(path) as part, part.open("wb") as file:
             np.savez_compressed(
                 file,
                 format=np.int64(_FORMAT),
-                config=np.frombuffer(self.config.model_dump_json().encode(), dtype=np.uint8),
+                config=_bytes(self.config.model_dump_json()),
                 seed=np.uint64(self.seed),
                 episode=np.int64(self.episode),
                 chosen=self.chosen,
-                policy=np.frombuffer(self.policy.encode(), dtype=np.uint8),
+                policy=_bytes(self.policy),
+                **drawn,
             )
+
+
+def _bytes(text: str) -> NDArray[np.uint8]:
+    return np.frombuffer(text.encode(), dtype=np.uint8)
 
 
 def require_place(path: str | Path) -> None:
@@ -103,7 +118,8 @@ def load_trajectory(path: str | Path) -> Trajectory:
             if number != _FORMAT:
                 raise _refused(source, "format", number, f"{_FORMAT}")
             _require(source, _FIELDS, file.files)
-            values = {name: np.asarray(file[name]) for name in _FIELDS}
+            there = [*_FIELDS, *({_DRAWN} & set(file.files))]
+            values = {name: np.asarray(file[name]) for name in there}
     except InputError:
         raise
     except OSError as error:
@@ -132,22 +148,27 @@ def _checked(source: Path, values: _Values) -> Trajectory:
         episode=_whole(source, "episode", values["episode"]),
         chosen=chosen,
         policy=policy,
+        drawn=_table(source, _DRAWN, values) if _DRAWN in values else None,
     )
 
 
 def _config(source: Path, values: _Values) -> EnvConfig:
+    return EnvConfig.from_table(_table(source, "config", values), f"{source}: config")
+
+
+def _table(source: Path, name: str, values: _Values) -> dict[str, Any]:
     # Parsed, a text takes many times its size.
-    if len(values["config"].ravel()) > _LONGEST_CONFIG:
-        found = _described(values["config"])
-        raise _refused(source, "config", found, f"at most {_LONGEST_CONFIG} bytes of a text")
-    text = _text(source, "config", values)
+    if len(values[name].ravel()) > _LONGEST_TEXT:
+        found = _described(values[name])
+        raise _refused(source, name, found, f"at most {_LONGEST_TEXT} bytes of a text")
+    text = _text(source, name, values)
     try:
         table = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{source}: config is not JSON ({_one_line(error)}).") from None
+        raise InputError(f"{source}: {name} is not JSON ({_one_line(error)}).") from None
     if not isinstance(table, dict):
-        raise _refused(source, "config", shown(table), "a table")
-    return EnvConfig.from_table(table, f"{source}: config")
+        raise _refused(source, name, shown(table), "a table")
+    return table
 
 
 def _whole(source: Path, name: str, value: NDArray[np.generic]) -> int:

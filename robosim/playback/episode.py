@@ -189,6 +189,9 @@ def _record(
             if on_step is not None:
                 on_step(env.steps_taken, int(env.delivered[0].sum()))
 
+    profile, drawn = env.config.profile, env.drawn
+    if profile is not None and drawn is not None:
+        recorder.tell_drawn(profile, drawn[0])
     try:
         for number, (start, end) in enumerate(spans):
             if number == 0:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import rerun as rr
 
 from robosim.arena.model import Arena
+from robosim.envs.profile import ProfileConfig
 from robosim.episodes.columns import FrameColumns
 from robosim.episodes.frame import Frame
 from robosim.playback import entities
@@ -18,13 +20,25 @@ from robosim.playback.clogwriter import ClogWriter
 from robosim.playback.file import recording_file, require_space
 from robosim.playback.scene import send_scene
 from robosim.playback.writer import FrameWriter
+from robosim.world.motion import MotionDraws
 
 
 class Recorder:
     """Takes the frames of one episode; `recording` makes one."""
 
-    def __init__(self, stream: rr.RecordingStream, arena: Arena, robots: int, folder: Path) -> None:
+    def __init__(
+        self,
+        stream: rr.RecordingStream,
+        arena: Arena,
+        robots: int,
+        folder: Path,
+        facts: Mapping[str, str],
+    ) -> None:
         self._folder = folder
+        self._stream = stream
+        self._arena = arena
+        self._facts = dict(facts)
+        self._told = False
         self._writer = FrameWriter(stream, arena, robots)
         self._frames = FrameColumns(robots, arena.pellets.count, (arena.rows, arena.columns))
         self._clog_writer = ClogWriter(stream, arena, robots)
@@ -41,6 +55,12 @@ class Recorder:
         if self._frames.add(frame):
             self.flush()
 
+    def tell_drawn(self, profile: ProfileConfig, drawn: MotionDraws) -> None:
+        """Say, before the first frame, under which profile the episode runs, and what it has drawn."""
+        self._facts |= {"profile": profile.name or "without a name", **_in_words(drawn)}
+        exact = {"profile": profile.model_dump_json(), "drawn": json.dumps(drawn.table())}
+        self._stream.send_property("profile", rr.AnyValues(drop_untyped_nones=True, **exact))
+
     def skip(self, frame: Frame) -> None:
         """Pause, and take in a frame that is not recorded: it shows which clogs reach over the pause.
 
@@ -50,7 +70,13 @@ class Recorder:
         self.pause()
         self._clogs.add(frame, recorded=False)
 
+    def _tell(self) -> None:
+        if not self._told:
+            _send_about(self._stream, self._arena, self._facts)
+            self._told = True
+
     def _follow(self, frame: Frame) -> None:
+        self._tell()
         if frame.step <= self._last_step:
             raise ValueError(
                 f"step {frame.step} does not follow step {self._last_step}: a recording holds one episode"
@@ -71,6 +97,7 @@ class Recorder:
 
     def finish(self) -> None:
         """Write what is left; `recording` does it at the end."""
+        self._tell()
         self.flush()
         self._clogs.finish()
         self._clog_writer.finish()
@@ -107,8 +134,7 @@ def recording(
     name = ", ".join((arena.name, f"{robots} robots", *(about or {}).values()))
     with recording_file(Path(path), make_blueprint(arena, robots), name) as stream:
         send_scene(stream, arena, robots)
-        _send_about(stream, arena, facts)
-        recorder = Recorder(stream, arena, robots, Path(path).parent)
+        recorder = Recorder(stream, arena, robots, Path(path).parent, facts)
         yield recorder
         recorder.finish()
 
@@ -118,6 +144,28 @@ def _send_about(stream: rr.RecordingStream, arena: Arena, facts: Mapping[str, st
     text = "\n".join(["# About this run", "", *lines, "", _HOW_TO_READ])
     stream.log(entities.ABOUT, rr.TextDocument(text, media_type="text/markdown"), static=True)
     stream.send_property("robosim", rr.AnyValues(drop_untyped_nones=True, arena_file=arena.text, **facts))
+
+
+def _in_words(drawn: MotionDraws) -> dict[str, str]:
+    """Return what an episode has drawn, a line for each robot and one for the pellets."""
+    words = {
+        f"robot {robot}": (
+            f"wheels x {left:.3f} and {right:.3f}, lag {lag:.3f} s, traction x {traction:.2f}, "
+            f"mass x {mass:.2f}, commands {latency:.3f} s late"
+        )
+        for robot, ((left, right), lag, traction, mass, latency) in enumerate(
+            zip(
+                drawn.wheel_gain,
+                drawn.motor_lag,
+                drawn.traction,
+                drawn.robot_mass,
+                drawn.latency,
+                strict=True,
+            )
+        )
+    }
+    pellets = f"mass x {drawn.pellet_mass:.2f}, friction x {drawn.pellet_friction:.2f}"
+    return {**words, "pellets": pellets}
 
 
 _HOW_TO_READ = """## How to read it

@@ -110,7 +110,11 @@ def test_missing_file_is_a_sentence(tmp_path):
     [
         ("iql+gss", {}, 'unknown technique "iql+gss": did you mean iql+gs or iql+s or iql+g?'),
         ("iql", {"robots": 0}, "env.robots is 0, but must be a whole number from 1 to 1000."),
-        ("iql", {"robot": 2}, '"robot" is not an option: did you mean robots?'),
+        (
+            "iql",
+            {"robot": 2},
+            '"robot" is not an option: did you mean robots or motion_robot_mass or sensing_dropout?',
+        ),
         (
             "ia2c",
             {"replay_capacity": 2},
