@@ -12,6 +12,8 @@ import tyro
 if TYPE_CHECKING:
     from robosim.analysis.measure.monitor import TeamMonitor
     from robosim.control.card import Evaluation
+    from robosim.control.controller import Controller
+    from robosim.envs.vector import VectorEnv
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,9 @@ class Evaluate:
     """File to write the evaluation to."""
     report: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
     """New folder to write a report on congestion to: a page, figures, tables, the episodes."""
+    robustness: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
+    """New folder for what each noise alone costs the team: figure, table, JSON. Takes the time of about forty
+    evaluations."""
 
     def run(self) -> None:
         """Evaluate and print the figures."""
@@ -57,6 +62,7 @@ class Evaluate:
         if self.json is not None:
             require_writable(self.json)
         monitor = self._monitor()
+        self._check_robustness()
         controller = make_controller(self.policy)
         env = environment_for(
             controller,
@@ -74,6 +80,40 @@ class Evaluate:
             write_whole(self.json, result.model_dump_json(indent=2) + "\n")
         if self.report is not None and monitor is not None:
             self._write_report(self.report, result, monitor)
+        if self.robustness is not None:
+            self._write_robustness(self.robustness, controller, env, result)
+
+    def _check_robustness(self) -> None:
+        """Say now, before the episodes run, what would keep the study from being written."""
+        if self.robustness is not None:
+            import importlib
+
+            importlib.import_module("robosim.analysis.figures.rendering")
+            from robosim.analysis.report.folder import require_folder
+
+            require_folder(self.robustness)
+
+    def _write_robustness(
+        self, folder: Path, controller: Controller, env: VectorEnv, reference: Evaluation
+    ) -> None:
+        from robosim.analysis.figures.rendering import render
+        from robosim.analysis.figures.robustness import draw_robustness
+        from robosim.analysis.figures.style import look
+        from robosim.analysis.report.folder import whole_folder
+        from robosim.analysis.robustness import Level, measure_robustness, noises_for, table_of
+
+        def tell(noise: str, level: Level) -> None:
+            print(f"  {noise:<22}  {level.size:g}: {level.share:.2f} of the pellets", flush=True)
+
+        found = measure_robustness(controller, env, reference, noises_for(env), tell)
+        with look():
+            figure = render(draw_robustness(found))
+        with whole_folder(folder) as part:
+            (part / "robustness.png").write_bytes(figure.png)
+            (part / "robustness.svg").write_bytes(figure.svg)
+            (part / "robustness.md").write_text(table_of(found), encoding="utf-8")
+            (part / "robustness.json").write_text(found.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        print(f"  {'robustness':<22}  {folder / 'robustness.md'}")
 
     def _monitor(self) -> TeamMonitor | None:
         """Return what watches the episodes, if there is to be a report, and there can be one."""
