@@ -13,7 +13,9 @@ from robosim.arena import load_arena
 from robosim.control.controller import make_controller
 from robosim.discretise.sensing import ExactSensor
 from robosim.envs.config import EnvConfig, env_config
+from robosim.envs.mixed import MixedVectorEnv
 from robosim.envs.profile import ProfileConfig, load_profile, profile_names, profile_text
+from robosim.envs.variety import VarietyConfig
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from robosim.experiments.team import Measuring, learning_job, measuring_job
@@ -70,6 +72,21 @@ def test_a_snapshot_is_restored_to_the_bit_under_a_profile(profile: object, worl
     actions = np.random.default_rng(0).integers(0, 5, (10, 2, 4))
     first = [env.step(chosen).observation.tobytes() for chosen in actions]
     other = VectorEnv(env.config, num_envs=2, seed=9)
+    other.restore(kept)
+    assert [other.step(chosen).observation.tobytes() for chosen in actions] == first
+
+
+def test_teams_of_several_sizes_run_under_a_profile_and_are_restored_to_the_bit() -> None:
+    base = EnvConfig(world="grid", profile=ProfileConfig(**GRID), episode_steps=30)
+    variety = VarietyConfig(arenas=("paper", "single-lane"), team_sizes=(1, 3), envs_per_arena=1)
+    env = MixedVectorEnv(base, variety, num_envs=2, seed=1)
+    env.reset()
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        env.step(rng.integers(0, 5, (env.num_envs, 1)))
+    kept, actions = env.snapshot(), rng.integers(0, 5, (10, env.num_envs, 1))
+    first = [env.step(chosen).observation.tobytes() for chosen in actions]
+    other = MixedVectorEnv(base, variety, num_envs=2, seed=1)
     other.restore(kept)
     assert [other.step(chosen).observation.tobytes() for chosen in actions] == first
 
