@@ -180,6 +180,7 @@ def _layout(card: PolicyCard) -> list[tuple[str, str]]:
     return [
         ("arena", f"{arena.name}, cells of {arena.cell_size:g} m, text {arena.sha256[:12]}"),
         ("world", env.world),
+        *([("profile", env.profile.name or "without a name")] if env.profile else []),
         ("observation", f"{len(card.observation)} numbers, {env.encoding}, {pheromones} pheromones"),
         ("actions", f"{card.network.actions}, {env.actions}, every {period:g} s"),
         *_network(card.network),
