@@ -51,7 +51,7 @@ NOISES = (
         lambda size: {"sensing_outliers": size, "sensing_outlier_size": _WILD},
     ),
     Noise("lost fixes", "probability", (0.1, 0.3, 0.6), lambda size: {"sensing_dropout": size}),
-    Noise("rare fixes", "decisions", (2, 4, 8), lambda size: {"sensing_update_every": int(size)}),
+    Noise("rare fixes", "decisions skipped", (1, 3, 7), lambda size: {"sensing_update_every": int(size) + 1}),
     Noise("late fixes", "decisions", (1, 2, 4), lambda size: {"sensing_delay": int(size)}),
     Noise("late commands", "s", (0.05, 0.1, 0.2), lambda size: {"motion_latency": (size, size)}),
     Noise("jitter of commands", "s", (0.05, 0.1, 0.2), lambda size: {"motion_jitter": size}),

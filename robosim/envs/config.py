@@ -93,12 +93,22 @@ def env_config(base: EnvConfig | Arena | str | Path | None = None, **fields: Any
 
 
 def with_profile(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options with their `profile` as a record, given as name, path, text or table."""
+    """Return options with their `profile` as a record, given as name, path, text or table.
+
+    Its name then says if other options change it, for results under it are not those under its name.
+    """
     given = options.get("profile")
-    if given is None or isinstance(given, ProfileConfig):
+    if given is None:
         return dict(options)
     if isinstance(given, Mapping):
-        return {**options, "profile": ProfileConfig.from_table(given, "profile")}
-    if not isinstance(given, str | Path):
+        profile = ProfileConfig.from_table(given, "profile")
+    elif isinstance(given, str | Path):
+        profile = load_profile(given)
+    elif isinstance(given, ProfileConfig):
+        profile = given
+    else:
         raise refused("profile", given, "a profile, or the name, the path or the text of one")
-    return {**options, "profile": load_profile(given)}
+    fields = ProfileConfig.options().keys() - {"name", "description"}
+    if profile.name and any(options.get(name) is not None for name in fields):
+        profile = profile.changed(name=f"{profile.name[:50]}, changed")
+    return {**options, "profile": profile}

@@ -154,5 +154,7 @@ def test_train_takes_a_profile_and_changes_of_it(tmp_path: Path, capsys) -> None
 
     profile, harsh = read_config(tmp_path / "run" / "config.toml").env.profile, load_profile("harsh")
     assert profile == harsh.changed(
-        sensing=harsh.sensing.changed(dropout=0.0), motion=harsh.motion.changed(latency=(0.0, 0.05))
+        name="harsh, changed",
+        sensing=harsh.sensing.changed(dropout=0.0),
+        motion=harsh.motion.changed(latency=(0.0, 0.05)),
     )

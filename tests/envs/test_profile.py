@@ -155,7 +155,7 @@ def test_a_profile_is_given_by_name_path_text_or_whole_and_its_fields_by_short_n
     assert config.profile == ProfileConfig(sensing={"delay": 2}, motion={"jitter": 0.1})
     config, _ = env_config("paper", profile="harsh", sensing_delay=5)
     harsh = load_profile("harsh")
-    assert config.profile == harsh.changed(sensing=harsh.sensing.changed(delay=5))
+    assert config.profile == harsh.changed(name="harsh, changed", sensing=harsh.sensing.changed(delay=5))
     assert profile_text("harsh") == "harsh"
     assert load_profile(profile_text(str(file))) == whole
 
