@@ -257,6 +257,7 @@ def pictures() -> None:
 
 def quick() -> int:
     """Run a small comparison from nothing and print its table."""
+    RUNS.mkdir(exist_ok=True)
     code = robosim(
         "sweep",
         str(sweep_file("quick")),
@@ -265,6 +266,8 @@ def quick() -> int:
         "--results",
         str(RUNS / "quick.results.jsonl"),
     )
+    if code:
+        return code
     sweep, results = read_sweep(sweep_file("quick")), read_results(RUNS / "quick.results.jsonl")
     print("\n".join(sweep_table(sweep, results).lines()))
     print(INTERVALS)
