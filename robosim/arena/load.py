@@ -8,7 +8,7 @@ from pathlib import Path
 
 from robosim.arena.model import Arena
 from robosim.arena.parse import parse_arena
-from robosim.arena.shipped import shipped_folder
+from robosim.arena.shipped import read_text, shipped_folder, shipped_names
 from robosim.errors import InputError, nearest_names
 
 _MOST_BYTES = 1_000_000
@@ -16,7 +16,7 @@ _MOST_BYTES = 1_000_000
 
 def arena_names() -> list[str]:
     """Names of the arenas that ship, sorted."""
-    return sorted(path.stem for path in shipped_folder("arenas").glob("*.toml"))
+    return shipped_names("arenas")
 
 
 def load_arena(name_or_path: str | Path) -> Arena:
@@ -57,19 +57,4 @@ def _exists(path: Path) -> bool:
 
 
 def _read(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            data = file.read(_MOST_BYTES + 1)
-    except IsADirectoryError:
-        raise InputError(f"{path}: this is a directory; give the arena file (.toml) itself.") from None
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such arena file.") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(f"{path}: cannot be read: {reason}.") from None
-    if len(data) > _MOST_BYTES:
-        raise InputError(f"{path}: the file is larger than {_MOST_BYTES} bytes, the most an arena may have.")
-    try:
-        return data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8, as an arena file must be.") from None
+    return read_text(path, "arena file", "the arena file", _MOST_BYTES)

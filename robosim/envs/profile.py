@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from robosim.arena.shipped import shipped_folder
+from robosim.arena.shipped import read_text, shipped_folder, shipped_names
 from robosim.discretise.noise import ReadingConfig, SensingConfig
 from robosim.errors import InputError, nearest_names
 from robosim.records import Record
@@ -39,7 +39,7 @@ class ProfileConfig(Record):
 
 def profile_names() -> list[str]:
     """Names of the profiles that ship, sorted."""
-    return sorted(path.stem for path in shipped_folder("profiles").glob("*.toml"))
+    return shipped_names("profiles")
 
 
 def load_profile(name_or_path: str | Path) -> ProfileConfig:
@@ -57,8 +57,10 @@ def profile_text(name_or_path: str) -> str:
     """Return the name of a profile that ships, and the text of any other, which means the same anywhere."""
     if "\n" in name_or_path or name_or_path in profile_names():
         return name_or_path
-    load_profile(name_or_path)
-    return _read(Path(name_or_path)) + "\n"
+    path = _find(name_or_path)
+    text = _read(path)
+    _parsed(text, str(path))
+    return text + "\n"
 
 
 @lru_cache(maxsize=16)
@@ -82,19 +84,4 @@ def _find(name_or_path: str | Path) -> Path:
 
 
 def _read(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            data = file.read(LONGEST_PROFILE + 1)
-    except IsADirectoryError:
-        raise InputError(f"{path}: this is a directory; give the profile's file (.toml) itself.") from None
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such profile.") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(f"{path}: cannot be read: {reason}.") from None
-    if len(data) > LONGEST_PROFILE:
-        raise InputError(f"{path}: larger than {LONGEST_PROFILE} bytes, the most a profile may have.")
-    try:
-        return data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8, as a profile must be.") from None
+    return read_text(path, "profile", "the profile's file", LONGEST_PROFILE)

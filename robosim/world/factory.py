@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 from robosim.arena.model import Arena
 from robosim.robot.drivers import ActionKind
-from robosim.world.motion import MotionConfig
+from robosim.world.motion import EXACT, MotionConfig
 from robosim.world.state import World
 
 WorldKind = Literal["physics", "grid"]
@@ -21,7 +21,7 @@ def make_world(
     num_envs: int,
     actions: ActionKind = "cardinal",
     pellet_gradient: float = 0.0,
-    motion: MotionConfig | None = None,
+    motion: MotionConfig = EXACT,
 ) -> World:
     """Return a batch of worlds of that kind; nothing else names one.
 
@@ -29,7 +29,6 @@ def make_world(
     their data sheet. Raises InputError when the robots do not fit the arena, and for a `motion` that this
     world does not know. Loads the world's own libraries only now.
     """
-    motion = MotionConfig() if motion is None else motion
     if kind == "grid":
         from robosim.world.grid import GridWorld
 

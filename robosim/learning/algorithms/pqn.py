@@ -84,9 +84,7 @@ class Pqn:
         self._rollout: list[Experience] = []
 
     def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
-        epsilons = self.config.epsilons(self.config.epsilon_in(self.task, progress), len(observation))[
-            :, None
-        ]
+        epsilons = self.config.epsilons_in(self.task, progress, len(observation))
         return epsilon_greedy(
             self._explore, self.networks.values, observation, epsilons, self.task.num_actions, self._gains
         )

@@ -55,6 +55,10 @@ class ValueConfig(LearnerConfig):
         place = np.arange(num_envs) / max(1, num_envs - 1)
         return np.asarray(epsilon ** (1.0 + self.epsilon_spread * place))
 
+    def epsilons_in(self, task: Task, progress: float, num_envs: int) -> NDArray[np.float64]:
+        """Return the share of random actions in each environment at `progress` of a stage, [envs, 1]."""
+        return self.epsilons(self.epsilon_in(task, progress), num_envs)[:, None]
+
     def require_action_values(self, spec: NetworkSpec) -> None:
         """Raise InputError, a sentence that begins with "has", unless `spec` maps own observations to values.
 

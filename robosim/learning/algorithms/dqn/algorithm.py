@@ -36,7 +36,7 @@ class DoubleDqn(ReplayMemory):
 
     def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
         envs, robots = observation.shape[:2]
-        epsilons = self.config.epsilons(self.config.epsilon_in(self.task, progress), envs)[:, None]
+        epsilons = self.config.epsilons_in(self.task, progress, envs)
         if not self.config.shares_parameters:
             return self.learner.act(observation, epsilons)
         each = np.repeat(epsilons, robots, axis=0)

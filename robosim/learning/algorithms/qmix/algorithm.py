@@ -62,9 +62,7 @@ class Qmix(JointReplay):
         """Of the latest batch."""
 
     def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
-        epsilons = self.config.epsilons(self.config.epsilon_in(self.task, progress), len(observation))[
-            :, None
-        ]
+        epsilons = self.config.epsilons_in(self.task, progress, len(observation))
         return epsilon_greedy(
             self._choose, self.networks.values, observation, epsilons, self.task.num_actions, self._gains
         )
