@@ -148,15 +148,17 @@ def _draw(axes: Axes, arena: Arena) -> None:
     axes.set_ylim(0.0, height)
 
 
+def disc(label: str, colour: str, size: float) -> Line2D:
+    """Return an entry of a legend for something round."""
+    return Line2D([], [], marker="o", linestyle="", color=colour, markersize=size, label=label)
+
+
 def _explain(figure: Figure) -> None:
     zones = [
         Patch(facecolor=colour, edgecolor="#999999", linewidth=0.5, label=zone.name.lower())
         for zone, colour in _ZONE_COLOURS.items()
     ]
-    discs = [
-        Line2D([], [], marker="o", linestyle="", color=colour, markersize=size, label=label)
-        for label, colour, size in (("robot", ROBOT_COLOUR, 9), ("pellet", PELLET_COLOUR, 5))
-    ]
+    discs = [disc("robot", ROBOT_COLOUR, 9), disc("pellet", PELLET_COLOUR, 5)]
     figure.legend(
         handles=[*zones, *discs],
         loc="lower left",

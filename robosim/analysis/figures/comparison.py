@@ -151,30 +151,15 @@ def by_team_size(panels: Sequence[Panel], systems: Systems, metric: str) -> Figu
 
 def pellets_against_touches(panels: Sequence[Panel], systems: Systems) -> Figure:
     """Draw a point for each run, its touches and its pellets in an episode, a panel for each task."""
-    figure, grid = _grid(len(panels), 4 if len(panels) > 3 else len(panels), 2.2)
-    labelled: set[str] = set()
-    for axes, panel in zip(grid, panels, strict=True):
-        for line in panel.lines:
-            axes.plot(
-                line.x,
-                line.y,
-                color=systems.colour(line.name),
-                linestyle="",
-                marker=systems.marker(line.name),
-                markersize=4.0,
-                markeredgewidth=0.0,
-                alpha=0.8,
-                clip_on=False,
-                label=_once(line.name, labelled),
-            )
-        axes.set_title(panel.title)
+
+    def finish(axes: Axes) -> None:
         axes.set_xscale("symlog", linthresh=10.0)
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
-    figure.supxlabel("touches per episode, summed over robots", fontsize=8.0)
-    figure.supylabel("pellets per episode", fontsize=8.0)
-    put_legend_above(figure, _legend_columns(systems.names, figure))
-    return figure
+
+    return _panels(
+        panels, systems, "touches per episode, summed over robots", "pellets per episode", finish, _points
+    )
 
 
 def improvement(panels: Sequence[Panel], systems: Systems, baseline: str) -> Figure:
@@ -201,28 +186,44 @@ def improvement(panels: Sequence[Panel], systems: Systems, baseline: str) -> Fig
     return figure
 
 
+def _curve(axes: Axes, line: Line, systems: Systems, label: str | None) -> None:
+    colour = systems.colour(line.name)
+    if line.low is not None and line.high is not None:
+        axes.fill_between(line.x, line.low, line.high, color=colour, alpha=0.2, linewidth=0)
+    axes.plot(line.x, line.y, color=colour, linestyle=systems.dash(line.name), linewidth=1.2, label=label)
+
+
+def _points(axes: Axes, line: Line, systems: Systems, label: str | None) -> None:
+    axes.plot(
+        line.x,
+        line.y,
+        color=systems.colour(line.name),
+        linestyle="",
+        marker=systems.marker(line.name),
+        markersize=4.0,
+        markeredgewidth=0.0,
+        alpha=0.8,
+        clip_on=False,
+        label=label,
+    )
+
+
 def _panels(
-    panels: Sequence[Panel], systems: Systems, x: str, y: str, finish: Callable[[Axes], None]
+    panels: Sequence[Panel],
+    systems: Systems,
+    x: str,
+    y: str,
+    finish: Callable[[Axes], None],
+    draw: Callable[[Axes, Line, Systems, str | None], None] = _curve,
 ) -> Figure:
-    """Draw lines with bands in panels that share what their axes show, and one legend for all."""
+    """Draw panels that share what their axes show, and one legend for all; lines with bands by default."""
     columns = 4 if len(panels) > 3 else len(panels)
     height = 2.2 if len(panels) == 1 else _PANEL_HEIGHT
     figure, grid = _grid(len(panels), columns, height)
     labelled: set[str] = set()
     for axes, panel in zip(grid, panels, strict=True):
         for line in panel.lines:
-            if line.low is not None and line.high is not None:
-                axes.fill_between(
-                    line.x, line.low, line.high, color=systems.colour(line.name), alpha=0.2, linewidth=0
-                )
-            axes.plot(
-                line.x,
-                line.y,
-                color=systems.colour(line.name),
-                linestyle=systems.dash(line.name),
-                linewidth=1.2,
-                label=_once(line.name, labelled),
-            )
+            draw(axes, line, systems, _once(line.name, labelled))
         axes.set_title(panel.title)
         finish(axes)
     if len(panels) == 1:

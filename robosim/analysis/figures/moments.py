@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from robosim.analysis.figures.arenas import (
     PELLET_COLOUR,
     ROBOT_COLOUR,
+    disc,
     draw_pellets,
     draw_robots,
     draw_zones,
@@ -74,12 +74,9 @@ def save_moments(moments: Sequence[Moment], path: Path) -> None:
         top -= _GAP
     figure.legend(
         handles=[
-            Line2D([], [], marker="o", linestyle="", color=colour, markersize=size, label=label)
-            for label, colour, size in (
-                ("robot", ROBOT_COLOUR, 9),
-                ("robot with a pellet", _LADEN_COLOUR, 9),
-                ("pellet", PELLET_COLOUR, 4),
-            )
+            disc("robot", ROBOT_COLOUR, 9),
+            disc("robot with a pellet", _LADEN_COLOUR, 9),
+            disc("pellet", PELLET_COLOUR, 4),
         ],
         loc="lower left",
         ncols=3,
