@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from robosim.records import Record
 
@@ -24,7 +24,16 @@ class RewardConfig(Record):
     """Signals and weights (the paper's section on the reward function)."""
 
     short_names = {"kind": "reward"} | {
-        name: name for name in ("sharing", "signed_distance", "idle_cost", *_WEIGHTS)
+        name: name
+        for name in (
+            "sharing",
+            "signed_distance",
+            "idle_cost",
+            "touch_cost",
+            "spacing",
+            "spacing_cost",
+            *_WEIGHTS,
+        )
     }
 
     kind: RewardKind = "global"
@@ -56,6 +65,23 @@ class RewardConfig(Record):
     """w_p."""
     delivery_weight: float = Field(default=0.4, ge=0, le=_LARGEST)
     """w_s."""
+    touch_cost: float | None = Field(default=None, ge=0, le=_LARGEST)
+    """Charged for a decision in which the robot, or the pellet it holds, touched another, whoever was under
+    way and laden or not; the paper fines only who is under way and unladen."""
+    spacing: float | None = Field(default=None, gt=0, le=_LARGEST)
+    """m: robots whose centres are nearer to each other than this as a decision ends are charged
+    `spacing_cost`."""
+    spacing_cost: float | None = Field(default=None, ge=0, le=_LARGEST)
+    """Charged in full where two centres meet, and evenly less up to `spacing`; the nearest robot counts."""
+
+    @model_validator(mode="after")
+    def _spacing_whole(self) -> Self:
+        if (self.spacing is None) != (self.spacing_cost is None):
+            given, missing = (
+                ("spacing_cost", "spacing") if self.spacing is None else ("spacing", "spacing_cost")
+            )
+            raise ValueError(f"{given} needs {missing}, too")
+        return self
 
 
 def rewards(
@@ -66,13 +92,16 @@ def rewards(
     pickups: NDArray[np.int64],
     deliveries: NDArray[np.int64],
     idle: NDArray[np.bool_],
+    touching: NDArray[np.bool_],
+    nearest: NDArray[np.float64] | None,
 ) -> NDArray[np.float64]:
     """Return the rewards [envs, robots] of one decision, r = w_d r_d + w_c r_c + w_p r_p + w_s r_s.
 
     All arguments are [envs, robots]: the distance `gained` toward the goal as a share of what top speed gains
     in a decision, of which `CLOSER_SHARE` counts as closer; `collided` with another robot; `laden` before the
-    decision (laden robots are not penalised); first `pickups` of pellets; `deliveries`; and whether the robot
-    was hardly displaced (`idle`).
+    decision (laden robots are not penalised); first `pickups` of pellets; `deliveries`; whether the robot was
+    hardly displaced (`idle`); whether it was `touching` another at all; and how far off the centre of the
+    `nearest` robot is (m), which may be None where `spacing` is.
     """
     team = (config.pickup_weight * config.pickup) * pickups
     team = team + (config.delivery_weight * config.delivery) * deliveries
@@ -86,4 +115,8 @@ def rewards(
     own = own + (config.collision_weight * config.collision) * (collided & ~laden)
     if config.idle_cost:
         own = own - (config.distance_weight * config.distance) * idle
+    if config.touch_cost is not None:
+        own = own - config.touch_cost * touching
+    if config.spacing is not None and config.spacing_cost is not None and nearest is not None:
+        own = own - config.spacing_cost * np.clip(1.0 - nearest / config.spacing, 0.0, 1.0)
     return np.asarray(team + own)

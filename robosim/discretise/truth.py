@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from robosim.discretise.location import Location
 from robosim.discretise.reward import RewardConfig, rewards
 from robosim.robot.drivers import STOP
+from robosim.world.contacts import ContactKind
+from robosim.world.spacing import to_nearest
 from robosim.world.state import Setting, WorldState
 
 Floats = NDArray[np.float64]
@@ -78,6 +80,8 @@ class Truth:
             pickups=self._first_pickups(state),
             deliveries=state.deliveries,
             idle=motion.displaced_little,
+            touching=state.touched[ContactKind.ROBOT_ROBOT],
+            nearest=None if self._reward.spacing is None else to_nearest(state.pose),
         )
 
     def _first_pickups(self, state: WorldState) -> Integers:

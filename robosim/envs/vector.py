@@ -238,6 +238,7 @@ class VectorEnv:
             pellet_status=state.pellet_status[env],
             delivered=self.delivered[env],
             energy=world.wheel_energy[env],
+            closest=world.closest[env],
             density=float(dec.density[env]),
             pheromone=dec.pheromone.occupancy[env],
             contacts=contacts if self.num_envs == 1 else contacts.of_env(env),

@@ -35,6 +35,7 @@ class FrameColumns:
         self.pellet_status = np.empty((size, pellets), dtype=np.uint8)
         self.delivered = np.empty((size, robots), dtype=np.int64)
         self.energy = np.empty((size, robots))
+        self.closest = np.empty((size, robots))
         self.density = np.empty(size)
         self.pictures = 0
         self.picture_row = np.empty(pictures, dtype=np.int64)
@@ -57,6 +58,7 @@ class FrameColumns:
         self.pellet_status[row] = frame.pellet_status
         self.delivered[row] = frame.delivered
         self.energy[row] = frame.energy
+        self.closest[row] = frame.closest
         self.density[row] = frame.density
         if row % PHEROMONE_STEPS == 0:
             self.picture_row[self.pictures] = row

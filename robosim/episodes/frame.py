@@ -36,6 +36,9 @@ class Frame:
     """[robots] pellets delivered in this episode so far."""
     energy: NDArray[np.float64]
     """[robots] J lost at the wheels in this episode so far; 0 unless the world meters it."""
+    closest: NDArray[np.float64]
+    """[robots] m, the least distance to another robot's centre in this episode so far; infinite for one
+    alone, and unless the world meters it."""
     density: float
     """Robots per tunnel cell of length, n / L."""
     pheromone: NDArray[np.float64]

@@ -12,6 +12,7 @@ from robosim.analysis.measure.metrics import (
     active_fraction,
     clog_count,
     clogged_share,
+    closest_approach,
     wheel_energy,
     workload_gini,
 )
@@ -36,6 +37,7 @@ def is_strategy(strategy: Strategy) -> Callable[[Episode], MetricValue]:
 FIGURES: Mapping[str, Callable[[Episode], MetricValue]] = {
     "wheel_energy": wheel_energy,
     "gini": workload_gini,
+    "closest": closest_approach,
     "active_fraction": active_fraction,
     "clogs": clog_count,
     "clogged_share": clogged_share,

@@ -129,6 +129,9 @@ class World(Setting, Protocol):
     wheel_energy: Floats
     """[envs, robots] energy lost at the wheels in the episode so far, J; 0 where it is not metered, NaN in a
     world that knows no forces."""
+    closest: Floats
+    """[envs, robots] the least distance from a robot's centre to another's in the episode so far, m; infinite
+    for one alone, and where it is not metered."""
     drawn: Sequence[MotionDraws]
     """[envs] what the episode has drawn from the ranges of its `MotionConfig`."""
 
@@ -144,6 +147,6 @@ class World(Setting, Protocol):
         """
         ...
 
-    def meter_wheels(self) -> None:
-        """Meter `wheel_energy` from now on, in worlds that have wheels."""
+    def meter(self) -> None:
+        """Meter `closest` from now on, and `wheel_energy` in worlds that have wheels."""
         ...

@@ -73,6 +73,7 @@ class Script:
         self.action = np.full(shape, STOP, dtype=np.int64)
         self.delivered = np.zeros(shape, dtype=np.int64)
         self.energy = np.zeros(shape)
+        self.closest = np.full(shape, np.inf)
         self.contacts: list[list[tuple[float, int, int, int, float]]] = [[] for _ in range(steps + 1)]
 
     def touch(
@@ -123,6 +124,7 @@ class Script:
                 pellet_status=np.zeros(pellets, dtype=np.uint8),
                 delivered=self.delivered[step],
                 energy=self.energy[step],
+                closest=self.closest[step],
                 density=0.0,
                 pheromone=np.zeros((self.arena.rows, self.arena.columns)),
                 contacts=_contacts(self.contacts[step]),
@@ -246,7 +248,7 @@ def real(name: str) -> Run:
     driver = Reckless() if controller == "reckless" else make_controller(controller)
     observation = env.reset(seed=4)
     driver.reset(env)
-    env.world.meter_wheels()
+    env.world.meter()
     frames = [_copy(env.frame())]
     for _ in range(steps):
         observation = env.step(driver.act(env, observation)).observation

@@ -5,7 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robosim.control.controller import make_controller
 from robosim.discretise.reward import RewardConfig, rewards
+from robosim.envs.vector import VectorEnv
+from robosim.errors import InputError
 from tests.discretise.plain import reward_of
 from tests.discretise.recorded import RUNS, recorded
 
@@ -39,6 +42,8 @@ def test_the_four_signals_have_the_papers_values_and_weights(
         "pickups": NONE,
         "deliveries": NONE,
         "idle": YES,
+        "touching": YES,
+        "nearest": None,
     }
     assert rewards(RewardConfig(), **(nothing | signal)).tolist() == [[pytest.approx(value)]]
 
@@ -47,7 +52,7 @@ def test_signed_distance_pays_by_length_and_to_and_fro_earns_nothing() -> None:
     gains = np.array([[1.0, -1.0, 0.5, -0.25, 0.0, 7.0, -7.0]])
     none, no = np.zeros(gains.shape, dtype=np.int64), np.zeros(gains.shape, dtype=np.bool_)
     config = RewardConfig(signed_distance=True)
-    paid = rewards(config, gains, no, no, none, none, no)
+    paid = rewards(config, gains, no, no, none, none, no, no, None)
     assert paid[0].tolist() == pytest.approx([0.5, -0.5, 0.25, -0.125, 0.0, 0.5, -0.5])
 
 
@@ -55,7 +60,7 @@ def test_idle_cost_charges_a_decision_without_way_what_top_speed_pays() -> None:
     none, no = np.zeros((1, 2), dtype=np.int64), np.zeros((1, 2), dtype=np.bool_)
     still, idle = np.zeros((1, 2)), np.array([[True, False]])
     for config, paid in ((RewardConfig(idle_cost=True), [-0.5, 0.0]), (RewardConfig(), [0.0, 0.0])):
-        assert rewards(config, still, no, no, none, none, idle)[0].tolist() == pytest.approx(paid)
+        assert rewards(config, still, no, no, none, none, idle, no, None)[0].tolist() == pytest.approx(paid)
 
 
 @given(
@@ -64,6 +69,8 @@ def test_idle_cost_charges_a_decision_without_way_what_top_speed_pays() -> None:
     st.sampled_from(["copied", "split"]),
     st.booleans(),
     st.booleans(),
+    st.sampled_from([None, 0.0, 0.75]),
+    st.sampled_from([None, 0.3, 2.0]),
 )
 def test_a_batch_is_what_loops_say(
     seed: int,
@@ -71,15 +78,26 @@ def test_a_batch_is_what_loops_say(
     sharing: Literal["copied", "split"],
     signed: bool,
     idle_cost: bool,
+    touch_cost: float | None,
+    spacing: float | None,
 ) -> None:
     rng = np.random.default_rng(seed)
     envs, robots = 3, int(rng.integers(1, 9))
     gained = rng.normal(0.0, 0.5, (envs, robots))
-    collided, laden, idle = rng.random((3, envs, robots)) < 0.5
+    collided, laden, idle, touching = rng.random((4, envs, robots)) < 0.5
+    nearest = rng.uniform(0.0, 1.0, (envs, robots)) if robots > 1 else np.full((envs, robots), np.inf)
     pickups = rng.integers(0, 2, (envs, robots))
     deliveries = rng.integers(0, 4, (envs, robots))
-    config = RewardConfig(kind=kind, sharing=sharing, signed_distance=signed, idle_cost=idle_cost)
-    got = rewards(config, gained, collided, laden, pickups, deliveries, idle)
+    config = RewardConfig(
+        kind=kind,
+        sharing=sharing,
+        signed_distance=signed,
+        idle_cost=idle_cost,
+        touch_cost=touch_cost,
+        spacing=spacing,
+        spacing_cost=None if spacing is None else 1.5,
+    )
+    got = rewards(config, gained, collided, laden, pickups, deliveries, idle, touching, nearest)
     for env in range(envs):
         for robot in range(robots):
             if kind == "local":
@@ -90,6 +108,10 @@ def test_a_batch_is_what_loops_say(
                 dumped = sum(deliveries[env].tolist()) / divisor
             alone = gained[env, robot], collided[env, robot], laden[env, robot]
             expected = reward_of(*alone, picked, dumped, idle[env, robot], signed=signed, idle_cost=idle_cost)
+            if touch_cost and touching[env, robot]:
+                expected -= touch_cost
+            if spacing and nearest[env, robot] < spacing:
+                expected -= 1.5 * (spacing - nearest[env, robot]) / spacing
             assert got[env, robot] == pytest.approx(expected, abs=1e-12)
 
 
@@ -98,11 +120,13 @@ def test_a_shared_reward_stays_within_its_environment() -> None:
     no = np.zeros((2, 3), dtype=np.bool_)
     none = np.zeros((2, 3), dtype=np.int64)
     still = np.zeros((2, 3))
-    copied = rewards(RewardConfig(kind="global", sharing="copied"), still, no, no, pickups, none, no)
+    copied = rewards(
+        RewardConfig(kind="global", sharing="copied"), still, no, no, pickups, none, no, no, None
+    )
     assert copied.tolist() == [[10.0, 10.0, 10.0], [0.0, 0.0, 0.0]]
-    split = rewards(RewardConfig(kind="global", sharing="split"), still, no, no, pickups, none, no)
+    split = rewards(RewardConfig(kind="global", sharing="split"), still, no, no, pickups, none, no, no, None)
     assert split.tolist() == [[10.0 / 3] * 3, [0.0] * 3]
-    local = rewards(RewardConfig(kind="local"), still, no, no, pickups, none, no)
+    local = rewards(RewardConfig(kind="local"), still, no, no, pickups, none, no, no, None)
     assert local.tolist() == [[10.0, 0.0, 0.0], [0.0] * 3]
 
 
@@ -166,3 +190,38 @@ def test_nobody_is_fined_for_standing_or_while_laden(name: str) -> None:
         assert not (fined & (moment.actions == 4)).any()
         assert moment.reward.min() >= np.float32(-0.4)
         held = moment.held
+
+
+@pytest.mark.parametrize(
+    ("given", "missing"), [({"spacing": 0.2}, "spacing_cost"), ({"spacing_cost": 1.0}, "spacing")]
+)
+def test_spacing_and_its_cost_go_together(given: dict[str, float], missing: str) -> None:
+    with pytest.raises(InputError, match=f"reward: .*{next(iter(given))} needs {missing}, too"):
+        RewardConfig.from_table(given, "reward")
+
+
+def test_touching_and_nearness_cost_in_the_world_whoever_is_under_way_and_laden_or_not() -> None:
+    """The same actions with and without the costs: rewards differ by what positions and touches say."""
+    costs = {"touch_cost": 0.75, "spacing": 0.3, "spacing_cost": 1.5}
+    plain, gentle = (VectorEnv("paper", robots=6, num_envs=2, seed=[1, 2], **more) for more in ({}, costs))
+    keeper = make_controller("lanes")
+    observation, _ = plain.reset(), gentle.reset()
+    keeper.reset(plain)
+    charged = touches = 0.0
+    for _ in range(250):
+        actions = keeper.act(plain, observation)
+        free, paid = plain.step(actions), gentle.step(actions)
+        observation = free.observation
+        pose, touched = plain.world.state.pose, plain.world.state.touched[0]
+        for env, robot in np.ndindex(2, 6):
+            others = [
+                np.hypot(*(pose[env, robot, :2] - pose[env, other, :2]))
+                for other in range(6)
+                if other != robot
+            ]
+            cost = 0.75 * touched[env, robot] + 1.5 * max(0.0, 1.0 - min(others) / 0.3)
+            assert free.reward[env, robot] - paid.reward[env, robot] == pytest.approx(cost, abs=1e-4)
+            charged += cost
+            touches += touched[env, robot]
+    assert touches > 0
+    assert charged > 0.75 * touches

@@ -74,6 +74,7 @@ def _frames(arena):
                 pellet_status=status,
                 delivered=delivered,
                 energy=np.zeros(ROBOTS),
+                closest=np.full(ROBOTS, np.inf),
                 density=density,
                 pheromone=rng.random((arena.rows, arena.columns)),
                 contacts=contacts,

@@ -41,6 +41,7 @@ NEVER_IN_TUNNEL = NotDefined("no robot was in a tunnel")
 NO_FORCES = NotDefined("the grid world knows no forces")
 NO_PUSHING = NotDefined("in the grid world pellets block nobody")
 ONE_ROBOT = NotDefined("one robot has nobody to share with")
+ONE_ROBOT_ALONE = NotDefined("one robot has nobody to come near to")
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +198,14 @@ def energy_per_pellet(episode: Episode) -> MetricValue:
     return _share(energy, _sum(episode.totals.delivered), NotDefined("no pellets were delivered"))
 
 
+def closest_approach(episode: Episode) -> MetricValue:
+    """Return least distance between the centres of two robots, at any time of the episode."""
+    if episode.robots == 1:
+        return ONE_ROBOT_ALONE
+    closest = float(episode.totals.closest.min())
+    return closest if math.isfinite(closest) else NotDefined("distances were not metered")
+
+
 def passages(episode: Episode) -> MetricValue:
     """Return visits of a tunnel that came in at one end and left at the other, over the hours of the run."""
     if episode.tunnels.count == 0:
@@ -329,6 +338,7 @@ METRICS: tuple[Metric, ...] = (
         for mode in Mode
     ),
     Metric("touches of robots per trip", "", contacts_per_trip(ContactKind.ROBOT_ROBOT)),
+    Metric("closest approach of two robots", "m", closest_approach),
     Metric("touches of walls per trip", "", contacts_per_trip(ContactKind.ROBOT_WALL)),
     Metric("touches of pellets per trip", "", contacts_per_trip(ContactKind.ROBOT_PELLET)),
     Metric("impulse between robots per trip", "N s", impulse_per_trip),

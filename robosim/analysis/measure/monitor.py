@@ -114,7 +114,7 @@ class TeamMonitor:
         if self._tunnels is None or self._tunnels[0] is not env.arena:
             self._tunnels = env.arena, find_tunnels(env.arena)
         tunnels = self._tunnels[1]
-        env.world.meter_wheels()
+        env.world.meter()
         self._monitors = [EpisodeMonitor(env.arena, env.robots, tunnels) for _ in range(env.num_envs)]
         self.step(env)
 

@@ -55,6 +55,8 @@ class Totals(NamedTuple):
     """[robots] from other robots, N s."""
     energy: Floats
     """[robots] J."""
+    closest: Floats
+    """[robots] least distance to another robot's centre, m; infinite for one alone, or not metered."""
 
 
 class TripLog:
@@ -78,12 +80,15 @@ class TripLog:
         self._delivered = np.zeros(robots, dtype=np.int64)
         self._begin = np.zeros(robots, dtype=np.int64)
         self._energy_before = np.zeros(robots)
+        self._closest = np.full(robots, np.inf)
         self._begun = False
         self.trips: list[Trip] = []
 
     def add(self, frames: FrameColumns) -> None:
         """Take in the next rows. The first row of all is the state in which the run begins."""
         rows, first = frames.rows, 0 if self._begun else 1
+        if rows:
+            self._closest = frames.closest[rows - 1].copy()
         if first:
             self._begun = True
             self._begin[:] = frames.step[0]
@@ -134,6 +139,7 @@ class TripLog:
             sums[:, _CONTACTS].copy(),
             sums[:, _IMPULSE].copy(),
             sums[:, _ENERGY].copy(),
+            self._closest.copy(),
         )
 
     def _add_contacts(self, frames: FrameColumns, gained: Floats) -> None:

@@ -37,6 +37,7 @@ from robosim.world.motion import (
     draw_motion,
     require_meaning_on_grid,
 )
+from robosim.world.spacing import closest_on_the_path, to_nearest
 from robosim.world.state import Gripper, blank_state
 
 Floats = NDArray[np.float64]
@@ -87,6 +88,8 @@ class GridWorld:
         self.state = blank_state(num_envs, robots, arena.pellets.count)
         self.contacts = no_contacts()
         self.wheel_energy: Floats = np.full(shape, np.nan)
+        self.closest: Floats = np.full(shape, np.inf)
+        self._metered = False
         self._num_actions = len(ACTION_NAMES[actions])
         self._step_of, self._heading_after = _moves(actions, arena.columns)
         centre = middles(arena)
@@ -109,8 +112,10 @@ class GridWorld:
         self._lots = Lots(robots)
         self._decisions = 0
 
-    def meter_wheels(self) -> None:
-        """There are no wheels: the energy stays NaN."""
+    def meter(self) -> None:
+        """Meter `closest` from now on; there are no wheels, so their energy stays NaN."""
+        self._metered = True
+        np.minimum(self.closest, to_nearest(self.state.pose), out=self.closest)
 
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment; everything random in it comes from its one of `seeds`."""
@@ -138,6 +143,7 @@ class GridWorld:
         ):  # fmt: skip
             cleared.fill(0)
         self._show()
+        self.closest = to_nearest(state.pose) if self._metered else np.full_like(self.closest, np.inf)
         self._pellets.reset(spots)
         self._pellets.feel(self._cell, self._nose)
         self.contacts = no_contacts()
@@ -163,9 +169,11 @@ class GridWorld:
         self._cell = np.where(outcome.moved, target, self._cell)
         refused |= self.state.refused
         np.greater(refused, outcome.moved, out=self.state.refused)
-        before = self.state.pose[..., :2].copy()
+        before = self.state.pose.copy()
         self._show()
-        np.subtract(self.state.pose[..., :2], before, out=self.state.velocity[..., :2])
+        if self._metered:
+            np.minimum(self.closest, closest_on_the_path(before, self.state.pose), out=self.closest)
+        np.subtract(self.state.pose[..., :2], before[..., :2], out=self.state.velocity[..., :2])
         self.state.velocity[..., :2] *= self._per_period
         self._handle_pellets(gripper, chance)
 

@@ -18,6 +18,7 @@ from robosim.world.motion import EXACT, MotionConfig, MotionDraws, draw_motion, 
 from robosim.world.physics.contacts import ContactLog, lasting, mark_touched, touching_pellets
 from robosim.world.physics.motors import Motors
 from robosim.world.physics.space import EpisodeSpace
+from robosim.world.spacing import closest_on_the_path, to_nearest
 from robosim.world.state import ABSENT, HELD, LOOSE, Gripper, blank_state
 
 Floats = NDArray[np.float64]
@@ -82,7 +83,8 @@ class PhysicsWorld:
         self.wheel_speeds: Floats = np.zeros((*shape, 2))
         """[envs, robots, 2] wheel speeds held in the last control period, rad/s."""
         self.wheel_energy: Floats = np.zeros(shape)
-        """[envs, robots] energy lost at the wheels in the episode so far, J; 0 without `meter_wheels`."""
+        """[envs, robots] energy lost at the wheels in the episode so far, J; 0 without `meter`."""
+        self.closest: Floats = np.full(shape, np.inf)
         self._metered = False
         self._traction = np.zeros(shape)
         self._max_speed = np.zeros((*shape, 1))
@@ -108,14 +110,16 @@ class PhysicsWorld:
         """The Space of each environment's present episode, for measurements and tests."""
         return self._spaces
 
-    def meter_wheels(self) -> None:
-        """Meter `wheel_energy` from now on: what Coulomb friction under slipping wheels takes.
+    def meter(self) -> None:
+        """Meter `closest` and `wheel_energy` from now on: what Coulomb friction under slipping wheels takes.
 
         Force times distance of slip, and torque times angle: wheels slip while they speed up or slow down a
         robot, and while it is held up. Nothing else brakes a robot here and braking gives nothing back, so
         this is all that the motors put out, but for what robots pass on by pushing. Costs a few per cent.
         """
         self._metered = True
+        if self._spaces:
+            np.minimum(self.closest, to_nearest(self.state.pose), out=self.closest)
 
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment; everything random in it comes from its one of `seeds`."""
@@ -141,6 +145,7 @@ class PhysicsWorld:
             cleared.fill(0)
         state.pellet_status.fill(LOOSE)
         state.pellets[...] = self._slots[:, :-1]
+        self.closest = to_nearest(state.pose) if self._metered else np.full_like(self.closest, np.inf)
         self._driver.reset(state.pose)
         self._feel_pellets(np.cos(state.pose[..., 2]), np.sin(state.pose[..., 2]))
         self.contacts = no_contacts()
@@ -214,7 +219,7 @@ class PhysicsWorld:
         return self.state.pose.copy(), self.state.velocity.copy()
 
     def _meter(self, before: tuple[Floats, Floats]) -> None:
-        """Add the control period's loss: pose and velocity were `before` at its beginning."""
+        """Add the control period's loss and distances: pose and velocity were `before` at its beginning."""
         timing, sheet = self.arena.timing, self.arena.robot
         pose, velocity = before
         driven = self._commands * timing.control_period if self._motors is None else self._driven
@@ -224,6 +229,7 @@ class PhysicsWorld:
         slipped = np.hypot(slip[..., 0], slip[..., 1])
         slipped += 0.5 * sheet.wheel_base * np.abs(wrap_angle(slip[..., 2]))
         self.wheel_energy += self._traction * slipped
+        np.minimum(self.closest, closest_on_the_path(pose, self.state.pose), out=self.closest)
 
     def _push(self, wheel_speeds: Floats) -> None:
         """Do what `drive` does, but do not look where the bodies have come to."""

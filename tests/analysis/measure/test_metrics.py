@@ -72,6 +72,7 @@ TO_AND_FRO = {
     "- of it Dumping": 6 / 90,
     "- of it Collision": 5 / 90,
     "touches of robots per trip": 2 * 2 / 5,
+    "closest approach of two robots": NotDefined("distances were not metered"),
     "touches of walls per trip": 2 / 5,
     "touches of pellets per trip": 1 / 5,
     "impulse between robots per trip": 3 * 0.01 * 12 * 2 / 5,

@@ -228,7 +228,7 @@ def test_an_episode_of_a_batch_is_what_it_is_alone():
     for episode, trajectory in zip(monitor.episodes, monitor.trajectories, strict=True):
         env = VectorEnv("single-lane", robots=4, seed=[trajectory.seed], episode_steps=150, autoreset=False)
         env.reset()
-        env.world.meter_wheels()
+        env.world.meter()
         alone = EpisodeMonitor(env.arena, 4)
         alone.add(env.frame())
         for actions in trajectory.chosen:

@@ -1,0 +1,73 @@
+"""The least distance between robots: against small steps along the path, and metered in the worlds."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robosim.control.controller import make_controller
+from robosim.envs.vector import VectorEnv
+from robosim.world.spacing import closest_on_the_path, to_nearest
+
+FORWARD = 0
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 6))
+def test_the_closest_point_of_a_path_is_that_of_many_small_steps(seed: int, robots: int) -> None:
+    rng = np.random.default_rng(seed)
+    before = rng.uniform(0.0, 1.0, (2, robots, 3))
+    after = before + rng.normal(0.0, 0.2, (2, robots, 3))
+    after[0, 0] = before[0, 0]
+    got = closest_on_the_path(before, after)
+    for env, robot in np.ndindex(2, robots):
+        shares = np.linspace(0.0, 1.0, 2001)[:, None]
+        here = before[env, robot, :2] * (1 - shares) + after[env, robot, :2] * shares
+        least = np.inf
+        for other in range(robots):
+            if other != robot:
+                there = before[env, other, :2] * (1 - shares) + after[env, other, :2] * shares
+                least = min(least, np.hypot(*(here - there).T).min())
+        assert got[env, robot] == pytest.approx(least, abs=1e-3)
+        assert got[env, robot] <= least + 1e-12
+
+
+def test_one_alone_is_infinitely_far_from_others() -> None:
+    assert to_nearest(np.zeros((3, 1, 3))).tolist() == [[np.inf]] * 3
+
+
+def test_two_that_pass_are_closest_between_two_looks() -> None:
+    before = np.array([[[0.0, 0.0, 0.0], [1.0, 0.25, 0.0]]])
+    after = np.array([[[1.0, 0.0, 0.0], [0.0, 0.25, 0.0]]])
+    assert closest_on_the_path(before, after).tolist() == [[0.25, 0.25]]
+    assert to_nearest(after).min() > 1.0
+
+
+def test_robots_that_drive_at_each_other_end_a_diameter_apart(bench) -> None:
+    b = bench([(1.0, 1.1, 0.0), (1.6, 1.1, np.pi)])
+    b.world.meter()
+    assert b.world.closest.tolist() == [[pytest.approx(0.6)] * 2]
+    b.drive(12.5, 12.5, 60)
+    b.drive(-12.5, -12.5, 10)
+    touching = b.arena.robot.length
+    assert b.world.closest[0].tolist() == [pytest.approx(touching, abs=0.02)] * 2
+    assert to_nearest(b.world.state.pose).min() > touching + 0.05
+
+
+@pytest.mark.parametrize("world", ["physics", "grid"])
+def test_an_episode_begins_anew_and_without_metering_nothing_is_known(world) -> None:
+    env = VectorEnv("paper", world=world, robots=4, num_envs=2, seed=[5, 6], episode_steps=40)
+    keeper = make_controller("lanes")
+    observation = env.reset()
+    keeper.reset(env)
+    observation = env.step(keeper.act(env, observation)).observation
+    assert np.isinf(env.world.closest).all()
+    env.world.meter()
+    least = to_nearest(env.world.state.pose)
+    for _ in range(30):
+        observation = env.step(keeper.act(env, observation)).observation
+        least = np.minimum(least, to_nearest(env.world.state.pose))
+        assert (env.world.closest <= least).all()
+        assert (env.world.closest > 0.0).all()
+    assert env.frame(1).closest.tolist() == env.world.closest[1].tolist()
+    env.reset()
+    assert env.world.closest.tolist() == to_nearest(env.world.state.pose).tolist()
