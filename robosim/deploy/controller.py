@@ -121,6 +121,7 @@ class Controller:
             self.arena.cell_size,
             timing.control_period,
             timing.decision_period,
+            self.config.keep_distance,
         )
         self._state = blank_team(self.robots)
         self._actions = np.full(self.robots, STOP)
@@ -245,6 +246,7 @@ class Controller:
             self._driver.reset(state.pose)
             self._dec.reset(state, [])
         else:
+            state.refused[...] = self._driver.held_back
             self._dec.update(self._actions[None], state)
         observation = self._dec.observe()
         # Added, since the two zeros are one number to whoever reads them.

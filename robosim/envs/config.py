@@ -55,6 +55,9 @@ class EnvConfig(Record):
     """How unevenly pellets may lie as an episode begins, as they do after long digging; 0 for evenly."""
     episode_steps: int = Field(default=0, ge=0, le=MOST_STEPS)
     """Decisions in an episode; 0 for as many as the arena says."""
+    keep_distance: float | None = Field(default=None, gt=0, le=10)
+    """m: robots slow down before their centres come nearer to each other than this, and turn or back off
+    freely; none for robots that may touch."""
     profile: ProfileConfig | None = None
     """What is random and wrong about robots and what they perceive; none for nothing."""
 

@@ -119,6 +119,7 @@ class VectorEnv:
             config.actions,
             config.pellet_gradient,
             profile.motion,
+            config.keep_distance,
         )
         self.arena = self._world.arena
         """The map, with the timing of the world."""

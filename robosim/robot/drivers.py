@@ -11,7 +11,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.robot.kinematics import wheel_speeds_for
+from robosim.robot.kinematics import body_twist, wheel_speeds_for
 from robosim.robot.sheet import RobotSheet
 
 Floats = NDArray[np.float64]
@@ -23,6 +23,8 @@ MIDDLE_SHARE = 2.0 / 3.0
 speed drives in a decision: so it ends no further beyond the middle than the rest of that distance."""
 WIGGLE_SPEEDS = np.array([0.0, -0.5, 0.5, -0.5, 0.5, -0.5])
 """Speeds in the decisions that a jam lasts, in top speeds: back out of it, then forward, and so on."""
+HELD_BACK = 0.1
+"""A robot that may drive at less than this share of its commanded speed is held back."""
 ActionKind = Literal["cardinal", "wheels", "wheels-9"]
 ACTION_KINDS: tuple[ActionKind, ...] = ("cardinal", "wheels", "wheels-9")
 STOP = 4
@@ -86,6 +88,9 @@ FEWEST_ACTIONS = min(map(len, ACTION_NAMES.values()))
 class Driver(Protocol):
     """Turns the actions of one decision into wheel speeds, one control period at a time."""
 
+    held_back: NDArray[np.bool_]
+    """[envs, robots] kept from driving on, in the last control period, by its distance to another robot."""
+
     def reset(self, pose: Floats) -> None:
         """Forget what was: new episodes begin, at `pose` [envs, robots, 3]."""
         ...
@@ -127,6 +132,7 @@ class CardinalDriver:
         self._top_speed = np.array(sheet.top_speed)
         self._top_turn_rate = np.array(sheet.top_turn_rate)
         self._gains = np.array([STEERING_GAIN, 1.0 / control_period])
+        self.held_back = np.zeros(0, dtype=np.bool_)
         self._target: Floats = np.empty(0)
         self._go = np.empty(0)
         self._jam = np.zeros(0, dtype=np.int64)
@@ -138,6 +144,7 @@ class CardinalDriver:
         self._error = np.zeros(0)
 
     def reset(self, pose: Floats) -> None:
+        self.held_back = np.zeros(pose.shape[:2], dtype=np.bool_)
         self._jam = np.zeros(pose.shape[:2], dtype=np.int64)
         self._heading = pose[..., 2].copy()
         self._turn = np.zeros(pose.shape[:2])
@@ -198,15 +205,64 @@ class WheelsDriver:
     def __init__(self, sheet: RobotSheet) -> None:
         self._table = WHEEL_SPEEDS * sheet.max_wheel_speed
         self._speeds = np.empty(0)
+        self.held_back = np.zeros(0, dtype=np.bool_)
 
     def reset(self, pose: Floats) -> None:
-        """Nothing is remembered between decisions."""
+        self.held_back = np.zeros(pose.shape[:2], dtype=np.bool_)
 
     def begin(self, pose: Floats, actions: Integers) -> None:
         self._speeds = self._table[actions]
 
     def wheel_speeds(self, pose: Floats) -> Floats:
         return self._speeds
+
+
+class DistanceKeeper:
+    """Slows robots down before their centres come nearer to each other than a distance.
+
+    A control barrier function, as the Robotarium protects its robots by (Wang 2017), each robot for itself:
+    of the gap that is left, it may use up half within the control period, and must be able to brake in the
+    rest of its half. Turning on the spot and backing off are always free. Between robots that know their
+    poses and obey at once, the distance holds whatever is commanded.
+    """
+
+    def __init__(self, driver: Driver, sheet: RobotSheet, distance: float, control_period: float) -> None:
+        """Take whose commands are limited, and the least distance between centres (m)."""
+        self._driver = driver
+        self._sheet = sheet
+        self._distance = distance
+        self._half_period = 0.5 * control_period
+        self._acceleration = sheet.wheel_radius * sheet.max_wheel_acceleration
+        self._gain = self._acceleration * control_period
+        self.held_back = np.zeros(0, dtype=np.bool_)
+
+    def reset(self, pose: Floats) -> None:
+        self._driver.reset(pose)
+        self.held_back = np.zeros(pose.shape[:2], dtype=np.bool_)
+
+    def begin(self, pose: Floats, actions: Integers) -> None:
+        self._driver.begin(pose, actions)
+
+    def wheel_speeds(self, pose: Floats) -> Floats:
+        sheet = self._sheet
+        limit = sheet.max_wheel_speed
+        speed, rate = body_twist(sheet, np.clip(self._driver.wheel_speeds(pose), -limit, limit))
+        # Along the chord of the arc that the robot describes until the next command.
+        course = pose[..., 2] + rate * self._half_period
+        to_others = pose[:, None, :, :2] - pose[:, :, None, :2]
+        distance = np.hypot(to_others[..., 0], to_others[..., 1])
+        toward = to_others[..., 0] * np.cos(course)[..., None] + to_others[..., 1] * np.sin(course)[..., None]
+        toward /= np.where(distance > 0.0, distance, 1.0)
+        share = np.maximum(0.5 * (distance - self._distance), 0.0)
+        # v T + v^2 / (2 a) <= share: what it drives in the period, and its braking distance.
+        approach = np.sqrt(self._gain**2 + 2.0 * self._acceleration * share) - self._gain
+        near = speed[..., None] * toward > approach
+        allowed = np.divide(approach, np.abs(toward), out=np.full_like(approach, np.inf), where=near).min(
+            axis=2
+        )
+        slowed = np.clip(speed, -allowed, allowed)
+        self.held_back = np.abs(slowed) < HELD_BACK * np.abs(speed)
+        return wheel_speeds_for(sheet, slowed, rate)
 
 
 def make_driver(
@@ -216,8 +272,13 @@ def make_driver(
     cell_size: float,
     control_period: float,
     decision_period: float,
+    keep_distance: float | None = None,
 ) -> Driver:
-    """Return the driver for actions of `kind`; `free` [rows, columns] are the cells that are no walls."""
+    """Return the driver for actions of `kind`; `free` [rows, columns] are the cells that are no walls.
+
+    With `keep_distance` (m) robots keep it from each other, centre to centre.
+    """
+    driver: Driver = WheelsDriver(sheet)
     if kind == "cardinal":
-        return CardinalDriver(sheet, free, cell_size, control_period, decision_period)
-    return WheelsDriver(sheet)
+        driver = CardinalDriver(sheet, free, cell_size, control_period, decision_period)
+    return driver if keep_distance is None else DistanceKeeper(driver, sheet, keep_distance, control_period)

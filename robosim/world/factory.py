@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 from robosim.arena.model import Arena
+from robosim.errors import refused
 from robosim.robot.drivers import ActionKind
 from robosim.world.motion import EXACT, MotionConfig
 from robosim.world.state import World
@@ -22,17 +23,20 @@ def make_world(
     actions: ActionKind = "cardinal",
     pellet_gradient: float = 0.0,
     motion: MotionConfig = EXACT,
+    keep_distance: float | None = None,
 ) -> World:
     """Return a batch of worlds of that kind; nothing else names one.
 
     `pellet_gradient` says how unevenly pellets may lie as an episode begins, `motion` how robots differ from
-    their data sheet. Raises InputError when the robots do not fit the arena, and for a `motion` that this
-    world does not know. Loads the world's own libraries only now.
+    their data sheet, `keep_distance` (m) how far apart robots keep their centres. Raises InputError when the
+    robots do not fit the arena, and for what this world does not know. Loads the world's own libraries late.
     """
     if kind == "grid":
         from robosim.world.grid import GridWorld
 
+        if keep_distance is not None:
+            raise refused("keep_distance", keep_distance, "left out in the grid world, with one robot a cell")
         return GridWorld(arena, robots, num_envs, actions, pellet_gradient, motion)
     from robosim.world.physics import PhysicsWorld
 
-    return PhysicsWorld(arena, robots, num_envs, actions, pellet_gradient, motion)
+    return PhysicsWorld(arena, robots, num_envs, actions, pellet_gradient, motion, keep_distance)

@@ -77,7 +77,8 @@ class WorldState:
     fresh: Bools
     """[envs, pellets] put into the source anew in the last decision."""
     refused: Bools
-    """[envs, robots] a move was refused, and none has succeeded since; always False where bodies push."""
+    """[envs, robots] a move onto a cell was refused, and none has succeeded since; where bodies push, who is
+    held back by the distance that it keeps."""
 
 
 def blank_state(num_envs: int, robots: int, pellets: int) -> WorldState:

@@ -23,6 +23,7 @@ from tests.deploy.made import make_policy
 MADE = {
     "the paper's numbers": {"env": {"encoding": "paper"}},
     "nine wheel commands": {"env": {"actions": "wheels-9"}, "mask": True},
+    "keeps its distance": {"env": {"keep_distance": 0.25}},
     "no pheromones": {"env": {"stigmergy": False, "neighbours": False}},
     "learned on the grid": {"env": {"world": "grid"}},
     "the whole team's numbers": {"input": "team", "output": "joint action values"},

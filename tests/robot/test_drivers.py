@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from robosim.robot.drivers import (
@@ -12,6 +14,7 @@ from robosim.robot.drivers import (
     STOP,
     Cardinal,
     CardinalDriver,
+    DistanceKeeper,
     Wheels,
     WheelsDriver,
     make_driver,
@@ -196,3 +199,49 @@ def test_each_kind_of_action_has_its_driver() -> None:
     assert isinstance(make_driver("cardinal", SHEET, FREE, CELL, PERIOD, 3 * PERIOD), CardinalDriver)
     for kind in ("wheels", "wheels-9"):
         assert isinstance(make_driver(kind, SHEET, FREE, CELL, PERIOD, 3 * PERIOD), WheelsDriver)
+    keeper = make_driver("cardinal", SHEET, FREE, CELL, PERIOD, 3 * PERIOD, keep_distance=0.2)
+    assert isinstance(keeper, DistanceKeeper)
+
+
+def apart(pose: np.ndarray) -> float:
+    """The least distance between two robots of any environment."""
+    x, y = pose[..., 0], pose[..., 1]
+    distance = np.hypot(x[:, :, None] - x[:, None], y[:, :, None] - y[:, None])
+    return float(distance[:, ~np.eye(pose.shape[1], dtype=bool)].min())
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["cardinal", "wheels", "wheels-9"]), st.floats(0.12, 0.3))
+def test_whatever_is_commanded_centres_keep_their_distance(seed: int, kind, distance: float) -> None:
+    rng = np.random.default_rng(seed)
+    grid = np.array([(x, y) for x in range(3) for y in range(2)])
+    pose = np.concatenate([3.0 + grid * (distance + 0.005), rng.uniform(-np.pi, np.pi, (6, 1))], axis=1)[None]
+    driver = make_driver(kind, SHEET, FREE, CELL, PERIOD, 3 * PERIOD, keep_distance=distance)
+    driver.reset(pose)
+    for _ in range(8):
+        pose = drive(driver, pose, rng.integers(0, len(ACTION_NAMES[kind]), 6).tolist())
+        assert apart(pose) >= distance - 1e-9
+
+
+def test_two_head_on_halt_at_their_distance_and_are_held_back_until_they_back_off() -> None:
+    pose = np.array([[[1.0, 1.0, 0.0], [1.5, 1.0, math.pi]]])
+    driver = make_driver("wheels", SHEET, FREE, CELL, PERIOD, 3 * PERIOD, keep_distance=0.2)
+    driver.reset(pose)
+    first = drive(driver, pose, [Wheels.FORWARD, Wheels.FORWARD])
+    assert first[0, 0, 0] == pytest.approx(1.06), "far from each other they go at top speed"
+    assert not driver.held_back.any()
+    met = drive(driver, pose, [Wheels.FORWARD, Wheels.FORWARD], decisions=30)
+    assert apart(met) == pytest.approx(0.2, abs=1e-3)
+    assert driver.held_back.all()
+    turned = drive(driver, met, [Wheels.SPIN_LEFT, Wheels.FORWARD])
+    assert turned[0, 0, 2] == pytest.approx(0.3 * SHEET.top_turn_rate), "turning is free"
+    assert driver.held_back.tolist() == [[False, True]]
+    back = drive(driver, met, [Wheels.BACK, Wheels.STOP])
+    assert met[0, 0, 0] - back[0, 0, 0] == pytest.approx(0.06), "so is backing off"
+
+
+def test_who_passes_beside_another_is_not_slowed_down() -> None:
+    pose = np.array([[[1.0, 1.0, 0.0], [1.3, 1.2, math.pi]]])
+    driver = make_driver("wheels", SHEET, FREE, CELL, PERIOD, 3 * PERIOD, keep_distance=0.15)
+    driver.reset(pose)
+    passed = drive(driver, pose, [Wheels.FORWARD, Wheels.FORWARD], decisions=5)
+    assert passed[0, :, 0].tolist() == pytest.approx([1.3, 1.0])

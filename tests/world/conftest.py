@@ -34,10 +34,16 @@ def floor_arena(
 class Bench:
     """One world with one environment, and direct access to its bodies."""
 
-    def __init__(self, arena: Arena, actions: str = "wheels", motion: MotionConfig = EXACT) -> None:
+    def __init__(
+        self,
+        arena: Arena,
+        actions: str = "wheels",
+        motion: MotionConfig = EXACT,
+        keep_distance: float | None = None,
+    ) -> None:
         robots = len(arena.start.poses)
         self.arena = arena
-        self.world = PhysicsWorld(arena, robots, 1, actions, motion=motion)
+        self.world = PhysicsWorld(arena, robots, 1, actions, motion=motion, keep_distance=keep_distance)
         self.world.reset([np.random.SeedSequence(0)])
         self._bodies = self.world._spaces[0]
         self.space: pymunk.Space = self._bodies._space
@@ -82,8 +88,9 @@ def bench() -> Callable[..., Bench]:
         actions: str = "wheels",
         drawing: str = FLOOR,
         motion: MotionConfig = EXACT,
+        keep_distance: float | None = None,
         **tables: Any,
     ) -> Bench:
-        return Bench(floor_arena(poses, drawing, **tables), actions, motion)
+        return Bench(floor_arena(poses, drawing, **tables), actions, motion, keep_distance)
 
     return build

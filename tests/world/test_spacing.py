@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from robosim.control.controller import make_controller
 from robosim.envs.vector import VectorEnv
+from robosim.errors import InputError
 from robosim.world.spacing import closest_on_the_path, to_nearest
 
 FORWARD = 0
@@ -71,3 +72,37 @@ def test_an_episode_begins_anew_and_without_metering_nothing_is_known(world) -> 
     assert env.frame(1).closest.tolist() == env.world.closest[1].tolist()
     env.reset()
     assert env.world.closest.tolist() == to_nearest(env.world.state.pose).tolist()
+
+
+@pytest.mark.parametrize("actions", ["cardinal", "wheels"])
+def test_bodies_keep_their_distance_whatever_they_are_told(bench, actions) -> None:
+    """On an open floor, in whose middle no pellet lies: driven bodies do as the driver plans."""
+    rng = np.random.default_rng(8)
+    poses = [(1.2 + 0.3 * x, 0.8 + 0.3 * y, rng.uniform(-3.0, 3.0)) for x in range(4) for y in range(2)]
+    b = bench(poses, actions=actions, keep_distance=0.2)
+    b.world.meter()
+    held_back = 0
+    keep = np.zeros((1, 8), dtype=np.int8)
+    for _ in range(60):
+        b.world.step(rng.integers(0, 5, (1, 8)), keep)
+        held_back += int(b.world.state.refused.sum())
+    assert 0.19 < b.world.closest.min() < 0.205
+    assert held_back > 0
+
+
+def test_a_team_that_keeps_its_distance_touches_nobody_and_is_blocked_where_it_is_held_back() -> None:
+    env = VectorEnv("robotarium", robots=4, seed=[2], keep_distance=0.3)
+    env.reset()
+    env.world.meter()
+    blocked = 0
+    for _ in range(60):
+        transition = env.step(np.full((1, 4), 0))
+        assert not env.world.state.touched[0].any()
+        assert (transition.blocked >= env.world.state.refused).all()
+        blocked += int(env.world.state.refused.sum())
+    assert blocked > 0
+
+
+def test_in_the_grid_there_is_no_distance_to_keep() -> None:
+    with pytest.raises(InputError, match="keep_distance is 0.2, but must be left out in the grid world"):
+        VectorEnv("paper", world="grid", keep_distance=0.2)

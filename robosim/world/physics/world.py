@@ -46,8 +46,9 @@ class PhysicsWorld:
         actions: ActionKind,
         pellet_gradient: float = 0.0,
         motion: MotionConfig = EXACT,
+        keep_distance: float | None = None,
     ) -> None:
-        """`pellet_gradient` is explained in `robosim.world.draws.draw_pellets`."""
+        """`pellet_gradient` is explained in `robosim.world.draws.draw_pellets`, the rest in `make_world`."""
         if robots > arena.capacity:
             room = f"a whole number from 1 to {arena.capacity}, the room in arena {arena.name!r}"
             raise refused("robots", robots, room)
@@ -63,6 +64,7 @@ class PhysicsWorld:
             arena.cell_size,
             timing.control_period,
             timing.decision_period,
+            keep_distance,
         )
         # Arrays of one number: numpy takes them much faster than Python's.
         self._max_change = np.array(sheet.max_wheel_acceleration * timing.control_period)
@@ -140,7 +142,7 @@ class PhysicsWorld:
             nothing.fill(-1)
         for cleared in (
             state.touched, state.lost, state.fresh, state.velocity, state.deliveries, state.delivered,
-            state.refilled, self.wheel_energy, self.wheel_speeds, self._control_steps,
+            state.refilled, state.refused, self.wheel_energy, self.wheel_speeds, self._control_steps,
         ):  # fmt: skip
             cleared.fill(0)
         state.pellet_status.fill(LOOSE)
@@ -173,6 +175,7 @@ class PhysicsWorld:
         for _ in range(self.arena.timing.control_steps - 1):
             self.drive(self._driver.wheel_speeds(self._felt(astray)))
         self.end_decision(self._driver.wheel_speeds(self._felt(astray)), gripper)
+        self.state.refused[...] = self._driver.held_back
 
     def begin_decision(self) -> None:
         """Forget the contacts of the decision before."""
