@@ -7,22 +7,21 @@ real robots. It needs numpy, and none of what simulates or trains.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.arena.model import Arena, Zone
+from robosim.arena.model import Arena
 from robosim.control.card import PolicyCard
 from robosim.control.learned import check_fit
 from robosim.deploy.log import DecisionLog
-from robosim.deploy.readings import Bools, Floats, Readings, blank_team, take_in
-from robosim.discretise.dec_pomdp import DecPomdp
+from robosim.deploy.readings import Bools, Floats, Readings
+from robosim.deploy.team import RealTeam
 from robosim.envs.config import env_config
 from robosim.errors import InputError, refused
-from robosim.robot.drivers import STOP, make_driver
 from robosim.robot.kinematics import wrap_angle
 from robosim.world.state import Gripper
 
@@ -41,17 +40,6 @@ class Chooser(Protocol):
     def card(self) -> PolicyCard: ...
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.int64]: ...
-
-
-@dataclass(slots=True)
-class _RealTeam:
-    """A team as discretisation knows it: one environment, and a pellet for each robot to know of."""
-
-    arena: Arena
-    num_envs: int
-    robots: int
-    travel: float
-    turn: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,31 +89,17 @@ class Controller:
         self.robots = self.config.robots
         self.layout = self.config.layout
         check_fit(card, self, name)
-        self._policy = policy
         self._max_age = max_age
         self._log = log
-        sheet, timing = self.arena.robot, self.arena.timing
-        team = _RealTeam(
-            arena=replace(self.arena, pellets=replace(self.arena.pellets, count=self.robots)),
-            num_envs=1,
-            robots=self.robots,
-            travel=sheet.top_speed * timing.decision_period,
-            turn=sheet.top_turn_rate * timing.decision_period,
-        )
-        self._dec = DecPomdp(team, self.layout, self.config.reward, self.config.pheromone)
-        free = self.arena.zones != Zone.WALL
-        self._driver = make_driver(
-            self.config.actions,
-            sheet,
-            free,
-            self.arena.cell_size,
-            timing.control_period,
-            timing.decision_period,
+        self._team = RealTeam(
+            self.arena,
+            self.robots,
+            self.layout,
+            self.config.reward,
+            self.config.pheromone,
+            policy.act,
             self.config.keep_distance,
         )
-        self._state = blank_team(self.robots)
-        self._actions = np.full(self.robots, STOP)
-        self._gripper = np.full(self.robots, Gripper.KEEP, np.int8)
         self._emergency = ""
         self._held_since: float | None = None
         self._rest: Floats | None = None
@@ -166,15 +140,12 @@ class Controller:
         if begins:
             self._decide(readings, stopped)
         self._periods += 1
-        limit = self.arena.robot.max_wheel_speed
-        speeds = np.clip(self._driver.wheel_speeds(self._state.pose)[0], -limit, limit)
-        speeds[stopped] = 0.0
         command = Command(
-            wheel_speeds=speeds,
-            gripper=np.where(stopped, np.int8(Gripper.KEEP), self._gripper),
+            wheel_speeds=self._team.wheel_speeds(stopped),
+            gripper=np.where(stopped, np.int8(Gripper.KEEP), self._team.gripper),
             stopped=reasons,
             unstopped=self._unstopped(readings, now),
-            actions=self._actions.copy() if begins else None,
+            actions=self._team.actions.copy() if begins else None,
         )
         if self._log is not None:
             observed = self._observed if begins else ""
@@ -200,26 +171,22 @@ class Controller:
     def resume(self) -> None:
         """End an emergency stop; robots go on with the next decision."""
         self._emergency = ""
-        # What was decided before the stop is no longer meant.
-        self._actions = np.full(self.robots, STOP)
         if self._periods:
-            self._driver.begin(self._state.pose, self._actions[None])
+            self._team.stand()
 
     def _reasons(self, readings: Readings, now: float) -> tuple[str, ...]:
         """Take in the poses that can be used; return why each robot must stop, or nothing."""
         pose = readings.pose
         width, height = self.arena.size
-        x, y = pose[:, 0], pose[:, 1]
         seen = np.asarray(np.isfinite(pose).all(axis=1))
-        on_map = seen & (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height)
+        on_map = self._team.on_map(pose)
         if self._periods == 0 and not on_map.all():
             robot = int(np.argmin(on_map))
             raise InputError(
                 f"readings: pose of robot {robot} is {_shown(pose[robot])}, but must be on the map of "
                 f"{width:g} x {height:g} m as a run begins."
             )
-        # Whoever is lost stays where it was seen last, for the others.
-        self._state.pose[0][on_map] = pose[on_map]
+        self._team.place(pose, on_map)
         age = now - readings.time
         fresh = np.abs(age) <= self._max_age
         if self._emergency:
@@ -236,25 +203,9 @@ class Controller:
         )
 
     def _decide(self, readings: Readings, stopped: Bools) -> None:
-        state = self._state
-        take_in(state, readings)
-        heading = state.pose[..., 2]
-        # Those in range are taken as they are: folding rounds.
-        outside = (heading < -np.pi) | (heading >= np.pi)
-        heading[outside] = wrap_angle(heading[outside])
-        if self._periods == 0:
-            self._driver.reset(state.pose)
-            self._dec.reset(state, [])
-        else:
-            state.refused[...] = self._driver.held_back
-            self._dec.update(self._actions[None], state)
-        observation = self._dec.observe()
+        observation = self._team.decide(readings, stopped, anew=self._periods == 0)
         # Added, since the two zeros are one number to whoever reads them.
         self._observed = hashlib.sha256((observation + np.float32(0.0)).tobytes()).hexdigest()
-        chosen = np.asarray(self._policy.act(observation)[0], np.int64)
-        self._actions = np.where(stopped, STOP, chosen)
-        self._gripper = self._dec.gripper_commands()[0]
-        self._driver.begin(state.pose, self._actions[None])
 
     def _unstopped(self, readings: Readings, now: float) -> Bools:
         """Return who cannot be seen to rest, once an emergency stop has had its time."""

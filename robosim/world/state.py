@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena
 from robosim.world.contacts import ContactKind, Contacts
-from robosim.world.motion import MotionDraws
+
+if TYPE_CHECKING:
+    from robosim.world.motion import MotionDraws
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
