@@ -80,7 +80,7 @@ class RealTeam:
     @property
     def occupancy(self) -> Floats:
         """[rows, columns] occupancy of the pheromone map, row 0 at the bottom; changes with decisions."""
-        return self._dec.pheromone.occupancy[0]
+        return np.asarray(self._dec.pheromone.occupancy[0])
 
     def on_map(self, pose: Floats) -> Bools:
         """Return which of the poses [robots, 3] are finite and on the map, [robots]."""
