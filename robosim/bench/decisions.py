@@ -15,7 +15,7 @@ from robosim.arena import Arena, load_arena
 from robosim.bench.traffic import SPREAD_OUT, recorded_traffic
 from robosim.envs.vector import VectorEnv
 from robosim.world.physics import PhysicsWorld
-from robosim.world.physics.space import EpisodeSpace
+from robosim.world.physics.bodies import Bodies
 
 ROBOTS = (1, 8, 32)
 ENVS = (1, 16)
@@ -71,7 +71,7 @@ class _Stopwatch:
     def __init__(self) -> None:
         self.seconds = 0.0
 
-    def watch(self, space: EpisodeSpace) -> None:
+    def watch(self, space: Bodies) -> None:
         advance = space.advance
 
         def timed() -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Timing
 from robosim.world.contacts import ContactKind, Contacts, no_contacts
-from robosim.world.physics.space import EpisodeSpace
+from robosim.world.physics.bodies import Bodies
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -55,7 +55,7 @@ class ContactLog:
         self._lengths[env].append(length)
 
     def read(
-        self, spaces: Sequence[EpisodeSpace], holder: Integers, times: Floats, timing: Timing
+        self, spaces: Sequence[Bodies], holder: Integers, times: Floats, timing: Timing
     ) -> Contacts:
         """Return the decision's contacts that concern a robot, in an order that does not depend on memory.
 
@@ -122,7 +122,7 @@ def mark_touched(touched: NDArray[np.bool_], contacts: Contacts) -> None:
         touched[_ROBOT_ROBOT, contacts.env[between], contacts.b[between]] = True
 
 
-def touching_pellets(space: EpisodeSpace, robots: int) -> Integers:
+def touching_pellets(space: Bodies, robots: int) -> Integers:
     """Return the pairs [n, 2] of pellets that touched in the decision, the lower one first, sorted."""
     ids, _ = space.contacts()
     known = space.body_ids[robots:]

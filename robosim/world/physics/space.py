@@ -217,8 +217,8 @@ class EpisodeSpace:
         slide.max_force = force
         spin.max_force = torque
 
-    def place(self, pellet: int, place: Floats) -> None:
-        """Put a pellet, at rest, to a place; an absent one comes back."""
+    def place(self, pellet: int, place: Floats, velocity: tuple[float, float] = (0.0, 0.0)) -> None:
+        """Put a pellet to a place, at rest or moving (m/s); an absent one comes back."""
         body = self._pellets[pellet]
         if pellet in self._absent:
             self._absent.remove(pellet)
@@ -227,7 +227,7 @@ class EpisodeSpace:
         else:
             self._unbond(pellet)
         body.position = (float(place[0]), float(place[1]))
-        body.velocity = (0.0, 0.0)
+        body.velocity = velocity
         body.angular_velocity = 0.0
 
     def take_out(self, pellet: int) -> None:

@@ -13,8 +13,9 @@ from robosim.errors import refused
 from robosim.robot.drivers import ActionKind, make_driver
 from robosim.robot.kinematics import body_twist, slew, wrap_angle
 from robosim.world.contacts import no_contacts
-from robosim.world.draws import draw_episode
+from robosim.world.draws import Draws, draw_episode
 from robosim.world.motion import EXACT, MotionConfig, MotionDraws, draw_motion, with_motion
+from robosim.world.physics.bodies import Bodies
 from robosim.world.physics.contacts import ContactLog, lasting, mark_touched, touching_pellets
 from robosim.world.physics.motors import Motors
 from robosim.world.physics.space import EpisodeSpace
@@ -37,6 +38,9 @@ OPEN, TAKE = np.int8(Gripper.OPEN), np.int8(Gripper.TAKE)
 
 class PhysicsWorld:
     """Robots and pellets as rigid bodies; robots move only by wheel commands within their data sheet."""
+
+    ramps = False
+    """Whether wheels always change their speed in every substep, rather than only for a `motion` that asks."""
 
     def __init__(
         self,
@@ -99,7 +103,7 @@ class PhysicsWorld:
         self._holder = np.full((num_envs, pellets), -1)
         self._last_holder = np.full((num_envs, pellets), -1)
         self._control_steps = np.zeros(num_envs, dtype=np.int64)
-        self._spaces: list[EpisodeSpace] = []
+        self._spaces: list[Bodies] = []
         self._rngs: list[np.random.Generator] = []
         # Ids of all pellets and grounds, sorted, and the slot of each: a ground has its environment's last.
         self._listed_ids = np.zeros(0, dtype=np.uintp)
@@ -108,8 +112,8 @@ class PhysicsWorld:
         self._log = ContactLog(num_envs, robots, pellets, timing.control_steps)
 
     @property
-    def spaces(self) -> Sequence[EpisodeSpace]:
-        """The Space of each environment's present episode, for measurements and tests."""
+    def spaces(self) -> Sequence[Bodies]:
+        """The bodies of each environment's present episode, for measurements and tests."""
         return self._spaces
 
     def meter(self) -> None:
@@ -127,7 +131,7 @@ class PhysicsWorld:
         """Begin an episode in every environment; everything random in it comes from its one of `seeds`."""
         self._rngs = [np.random.default_rng(seed) for seed in seeds]
         self.drawn = [draw_motion(self.motion, self.robots, seed) for seed in seeds]
-        if self.motion != EXACT:
+        if self.motion != EXACT or self.ramps:
             self._motors = Motors(self.motion, self.drawn, seeds, self.arena)
         self._commands[...] = 0.0
         self._spaces = [self._built(env, rng) for env, rng in enumerate(self._rngs)]
@@ -152,16 +156,20 @@ class PhysicsWorld:
         self._feel_pellets(np.cos(state.pose[..., 2]), np.sin(state.pose[..., 2]))
         self.contacts = no_contacts()
 
-    def _built(self, env: int, rng: np.random.Generator) -> EpisodeSpace:
+    def _built(self, env: int, rng: np.random.Generator) -> Bodies:
         """Draw an environment's episode and build its bodies."""
         draws, speed_factor = draw_episode(self.arena, self.robots, rng, self.pellet_gradient)
         draws = with_motion(draws, self.drawn[env])
-        space = EpisodeSpace(self.arena, draws, self._commands[env])
+        space = self._new_bodies(draws, self._commands[env])
         self._traction[env] = self.arena.robot.traction_force * draws.robot_mass * draws.traction
         self._max_speed[env, :, 0] = self.arena.robot.max_wheel_speed * speed_factor
         self.state.pose[env] = draws.robot_pose
         self._slots[env, :-1] = draws.pellet_place
         return space
+
+    def _new_bodies(self, draws: Draws, commands: Floats) -> Bodies:
+        """Return an episode's bodies, which read `commands` [robots, 3] when they are driven."""
+        return EpisodeSpace(self.arena, draws, commands)
 
     def step(self, actions: Integers, gripper: NDArray[np.int8], believed: Floats | None = None) -> None:
         """Advance all environments by one decision: actions and gripper commands are [envs, robots].
@@ -239,7 +247,7 @@ class PhysicsWorld:
         motors = self._motors
         if motors is not None:
             wheel_speeds = motors.geared(wheel_speeds)
-            if motors.gradual:
+            if motors.gradual or self.ramps:
                 self._push_gradually(motors, wheel_speeds)
                 return
         self.wheel_speeds = slew(self.wheel_speeds, wheel_speeds, self._max_speed, self._max_change)
