@@ -1,28 +1,56 @@
-"""Robots of the simulated world that obey wheel speeds, to try a controller on before real ones."""
+"""Stand-ins for reality: a team in a physical world that obeys wheel speeds, to try a controller on.
+
+There are two physics: pymunk, in which teams learn, and MuJoCo, which shares none of its code with it.
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Literal, get_args
+
 import numpy as np
 
+from robosim.arena import Arena
 from robosim.deploy.controller import Command
 from robosim.deploy.readings import Readings
+from robosim.discretise.noise import make_sensor
 from robosim.envs.config import EnvConfig, env_config
+from robosim.envs.profile import ProfileConfig
+from robosim.envs.vector import SENSING
+from robosim.errors import refused
 from robosim.world.physics import PhysicsWorld
 from robosim.world.state import LOOSE
 
+EngineKind = Literal["pymunk", "mujoco"]
+"""`pymunk`: the physics that teams learn in; `mujoco`: the second one, three-dimensional."""
+ENGINES: tuple[EngineKind, ...] = get_args(EngineKind)
+
 
 class SimulatedRobots:
-    """A team in the physical world: it is read as real robots are, and moves as a controller commands."""
+    """A team in a physical world: it is read as real robots are, and moves as a controller commands.
 
-    def __init__(self, config: EnvConfig, seed: int, episode: int = 0) -> None:
+    A profile of the configuration makes robots unlike their data sheet and their poses noisy, late or lost,
+    as in training; pheromones are read by the controller, so what a profile says of them does not count here.
+    """
+
+    def __init__(
+        self, config: EnvConfig, seed: int, episode: int = 0, engine: EngineKind = "pymunk"
+    ) -> None:
         """Begin the episode that a `VectorEnv` of one environment with this seed begins.
 
-        InputError for more robots than the arena has room for.
+        InputError for more robots than the arena has room for, and for what the engine does not know.
         """
-        config, self.arena = env_config(config)
-        self.world = PhysicsWorld(self.arena, config.robots, 1, config.actions, config.pellet_gradient)
+        self.config, self.arena = env_config(config)
+        profile = self.config.profile or ProfileConfig()
+        self.world = _world_of(engine)(
+            self.arena, config.robots, 1, config.actions, config.pellet_gradient, profile.motion
+        )
+        """The world inside, for measurements and pictures: `state` and `contacts` of the last decision."""
         self.world.reset([np.random.SeedSequence(seed, spawn_key=(episode,))])
+        self._sensor = make_sensor(profile.sensing, self.arena, 1, config.robots)
+        self._sensor.reset([np.random.SeedSequence(seed, spawn_key=(episode, SENSING))])
         self._periods = 0
+        self._look()
 
     @property
     def now(self) -> float:
@@ -30,16 +58,21 @@ class SimulatedRobots:
         return self._periods * self.arena.timing.control_period
 
     def readings(self) -> Readings:
-        """Return what the robots' sensors say, exactly and at once."""
-        state = self.world.state
+        """Return what the robots' sensors say.
+
+        A pose is that of the last fix, plus the robot's own motion since the decision began, and its time is
+        the moment it stands for: behind `now` where a fix is late or lost.
+        """
+        state, timing = self.world.state, self.arena.timing
+        begins = self._periods % timing.control_steps == 0
         pellet = np.full((self.world.robots, 2), np.nan)
         if state.pellets.size:
             nearest = state.nearest[0]
             loose = state.pellet_status[0, nearest] == LOOSE
             pellet[loose] = state.pellets[0, nearest[loose]]
         return Readings(
-            time=np.full(self.world.robots, self.now),
-            pose=state.pose[0].copy(),
+            time=self.now - self._age,
+            pose=self._fix.copy() if begins else state.pose[0] + self._astray,
             laden=state.held[0] >= 0,
             at_pellet=state.touching[0] >= 0,
             touched=state.touched[:, 0].copy(),
@@ -54,5 +87,41 @@ class SimulatedRobots:
         self._periods += 1
         if self._periods % steps == 0:
             self.world.end_decision(command.wheel_speeds[None], command.gripper[None])
+            self._look()
         else:
             self.world.drive(command.wheel_speeds[None])
+
+    def _look(self) -> None:
+        """Measure poses, once in a decision."""
+        state = self.world.state
+        self._fix = self._sensor.sense(state).pose[0].copy()
+        self._astray = self._fix - state.pose[0]
+        age = self._sensor.age * self.arena.timing.decision_period
+        self._age = np.broadcast_to(age, state.held.shape)[0]
+
+
+def make_stand_in(
+    engine: EngineKind,
+    base: EnvConfig | Arena | str | Path,
+    robots: int | None = None,
+    seed: int = 0,
+    profile: ProfileConfig | str | Path | None = None,
+    episode: int = 0,
+) -> SimulatedRobots:
+    """Return a team in one of the engines, on an arena or in whatever environment `base` is.
+
+    `robots` and `profile` take the place of what `base` says. InputError for values out of range, and
+    ModuleNotFoundError where the engine is not installed.
+    """
+    if engine not in ENGINES:
+        raise refused("engine", engine, " or ".join(ENGINES))
+    config, _ = env_config(base, robots=robots, profile=profile)
+    return SimulatedRobots(config, seed, episode, engine)
+
+
+def _world_of(engine: EngineKind) -> type[PhysicsWorld]:
+    if engine == "pymunk":
+        return PhysicsWorld
+    from robosim.deploy.mujoco import MujocoWorld
+
+    return MujocoWorld

@@ -123,14 +123,15 @@ class NoisySensor:
         self._last_cell = np.array([arena.columns - 1, arena.rows - 1])
         self._nearest_free = nearest_free(arena.zones != Zone.WALL).reshape(-1, 2).astype(np.float64)
         self._decision = 0
-        self._arrivals = Arrivals(config.delay)
+        self._arrivals, self._made = Arrivals(config.delay), Arrivals(config.delay)
+        self.age = np.zeros(self._shape)
         self._errors: Chance
         self._odds: Chance
 
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         robots = self._shape[1]
         self._decision = 0
-        self._arrivals = Arrivals(self._config.delay)
+        self._arrivals, self._made = Arrivals(self._config.delay), Arrivals(self._config.delay)
         self._errors = normal([child(seed, _NORMAL) for seed in seeds], (robots, 5))
         self._odds = uniform([child(seed, _UNIFORM) for seed in seeds], (robots, 2))
 
@@ -141,6 +142,7 @@ class NoisySensor:
         kept = odds[..., 1] >= config.dropout
         if self._decision % config.update_every:
             kept = np.zeros_like(kept)
+        self.age = self._decision - self._made.take(np.full(self._shape, float(self._decision)), kept)
         self._decision += 1
         return self._exact.sense(state)._replace(pose=self._arrivals.take(fixed, kept))
 

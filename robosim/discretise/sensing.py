@@ -42,6 +42,9 @@ class Percept(NamedTuple):
 class Sensor(Protocol):
     """Turns the states of a batch of worlds into percepts."""
 
+    age: Floats
+    """[envs, robots] decisions since the poses of the last percept were measured; a single 0 where all are fresh."""
+
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment; what is random in it comes from its one of `seeds`."""
         ...
@@ -53,6 +56,8 @@ class Sensor(Protocol):
 
 class ExactSensor:
     """Perceives the world as it is; its percept's pose is the state's own array."""
+
+    age = np.zeros(())
 
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Nothing is remembered and nothing is random."""

@@ -27,7 +27,7 @@ from robosim.world.state import World
 
 MAX_ENVS = 4096
 MAX_SEED = 2**64 - 1
-_SENSING = 1
+SENSING = 1
 """Key of the seeds of an episode's sensors."""
 
 
@@ -172,7 +172,7 @@ class VectorEnv:
         self.episode = episode
         self._world.reset([np.random.SeedSequence(seed, spawn_key=(episode,)) for seed in self.seeds])
         # Of their own: whether sensors draw must not change what the world draws.
-        sensing = [np.random.SeedSequence(seed, spawn_key=(episode, _SENSING)) for seed in self.seeds]
+        sensing = [np.random.SeedSequence(seed, spawn_key=(episode, SENSING)) for seed in self.seeds]
         self._dec.reset(self._world.state, sensing)
         self.steps_taken = 0
         self.delivered = np.zeros_like(self.delivered)

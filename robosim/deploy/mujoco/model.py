@@ -13,7 +13,7 @@ from robosim.arena.model import Arena
 from robosim.robot.sheet import GRAVITY, RobotSheet
 from robosim.world.draws import Draws
 
-LONGEST_STEP = 0.0021
+LONGEST_STEP = 0.0028
 """Of the solver, s: contacts are springs of a few milliseconds, which a step must resolve."""
 CONTACT_TIME = 0.008
 """Time constant of contacts, s; MuJoCo wants at least two steps. Bodies sink into the ground by 0.1 mm."""

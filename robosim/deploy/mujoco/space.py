@@ -56,7 +56,6 @@ class MujocoSpace:
         self._find_parts()
         self._rows: list[tuple[NDArray[np.uintp], Floats]] = []
         self._length = 0
-        self._begin_period()
 
     def _find_parts(self) -> None:
         model, robots = self.model, range(self._robots)
@@ -85,6 +84,8 @@ class MujocoSpace:
         for one in range(self._pellets):
             owner[model.geom(f"rim{one}").id] = self._robots + one
         self._owner = owner
+        self._key = np.array([model.ngeom, 1])
+        self._touching: list[Integers] = []
 
     def drive(self) -> None:
         """Go over to the wheel speeds in `commands` in a substep, and hold them for the control period."""
@@ -106,27 +107,27 @@ class MujocoSpace:
             mujoco.mj_step(self.model, data)
         self._note_contacts()
 
-    def _begin_period(self) -> None:
-        self._touching: list[Integers] = []
-        self._last = (np.zeros((0, 2), dtype=np.int64), np.zeros((0, 4)))
-
     def _note_contacts(self) -> None:
-        """Note who touches whom now; of the last call in a control period, where and how hard, too."""
+        """Note which sides touch now."""
+        geoms = self.data.contact.geom
+        sides = (self._owner[geoms] >= 0).all(axis=1)
+        self._touching.append(geoms[sides])
+
+    def _pressing(self) -> tuple[Integers, Floats]:
+        """Return which sides touch now [n, 2], each pair once, and impulse, 0, point x, y [n, 4] of each."""
         contact = self.data.contact
         geoms = contact.geom
-        owners = self._owner[geoms]
-        rows = np.flatnonzero(owners.min(axis=1) >= 0) if len(geoms) else np.zeros(0, dtype=np.int64)
-        # One side may touch another in two points.
-        pair, which = np.unique(geoms[rows], axis=0, return_inverse=True)
+        rows = np.flatnonzero((self._owner[geoms] >= 0).all(axis=1))
+        # Boxes touch in several points.
+        keys, which = np.unique(geoms[rows] @ self._key, return_inverse=True)
         address = contact.efc_address[rows]
-        forces = self.data.efc_force[np.maximum(address, 0)[:, None] + _FORCES] if len(rows) else np.zeros((0, 3))
+        forces = self.data.efc_force[np.maximum(address, 0)[:, None] + _FORCES]
         force = np.where(address >= 0, np.sqrt((forces * forces).sum(axis=1)), 0.0)
-        impulse = np.bincount(which, force, len(pair)) * self._arena.timing.substep
-        number = np.bincount(which, minlength=len(pair))
-        place = [np.bincount(which, contact.pos[rows, axis], len(pair)) / number for axis in (0, 1)]
-        bodies = self._owner[pair]
-        self._last = bodies, np.stack([impulse, np.zeros(len(pair)), *place], axis=1)
-        self._touching.append(bodies)
+        count = len(keys)
+        impulse = np.bincount(which, force, count) * self._arena.timing.substep
+        number = np.bincount(which, minlength=count)
+        x, y = (np.bincount(which, contact.pos[rows, axis], count) / number for axis in (0, 1))
+        return keys, np.stack([impulse, np.zeros(count), x, y], axis=1)
 
     def poses(self) -> Floats:
         """Return x, y, angle of all bodies, [n, 3], robots first."""
@@ -152,17 +153,20 @@ class MujocoSpace:
     def list_contacts(self) -> int:
         """Append the control period's contacts to the list; returns its length.
 
-        Pairs that have parted again are listed too, with impulse 0 and no place.
+        What touched after any of its substeps is listed; pairs that have parted again
+        with impulse 0 and no place.
         """
-        pressing, rows = self._last
-        span = self._robots + self._pellets + 1
-        touched = np.unique(np.concatenate([pair @ (span, 1) for pair in self._touching]))
-        parted = np.setdiff1d(touched, pressing @ (span, 1))
-        bodies = np.concatenate([pressing, np.stack([parted // span, parted % span], axis=1)])
+        touched = np.unique(np.concatenate(self._touching) @ self._key)
+        self._touching = []
+        if not len(touched):
+            return self._length
+        pressing, rows = self._pressing()
+        parted = np.setdiff1d(touched, pressing)
+        keys = np.concatenate([pressing, parted])
+        pairs = np.stack(np.divmod(keys, self._key[0]), axis=1)
         rows = np.concatenate([rows, np.zeros((len(parted), 4))])
-        self._rows.append((self._ids[bodies], rows))
+        self._rows.append((self._ids[self._owner[pairs]], rows))
         self._length += len(rows)
-        self._begin_period()
         return self._length
 
     def contacts(self) -> tuple[NDArray[np.uintp], Floats]:

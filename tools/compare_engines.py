@@ -1,0 +1,184 @@
+"""Let deployed controllers drive teams in both engines, with and without a profile, and compare what they bring.
+
+    python tools/compare_engines.py                         # teams of paper and robotarium: measure, then the table
+    python tools/compare_engines.py paper-8 --seeds 0 1 2   # some teams only
+    python tools/compare_engines.py --known                 # only the table of what --out holds
+
+Every run is one episode, driven by `robosim.deploy.Controller` through readings and wheel speeds alone. Each is a
+line of --out as soon as it is over; stopped, the same command goes on. Seeds come one after the other, so
+that all teams have as many. The table is in Markdown: pellets and touches in an episode, mean over seeds, with
+their standard deviation, and the share of the pellets that is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import itertools
+import json
+import statistics
+import sys
+import time
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robosim.control.policy import WEIGHTS_FILE, find_policy, load_policy, policy_names
+from robosim.deploy.controller import Controller
+from robosim.deploy.simulated import ENGINES, EngineKind, make_stand_in
+from robosim.errors import InputError
+from robosim.files import whole_file
+from robosim.robot.drivers import STOP
+
+ROOT = Path(__file__).resolve().parent.parent
+ARENAS = ("paper", "robotarium")
+MODEL = ROOT / "robosim/deploy/mujoco/model.py"
+
+
+def shipped_teams() -> list[str]:
+    """Return the policies that ship for the arenas compared, smaller teams first."""
+    names = [name for name in policy_names() if name.rpartition("-")[0].partition("-")[0] in ARENAS]
+    return sorted(names, key=lambda name: (load_policy(name).card.arena.name, load_policy(name).card.robots))
+
+
+def fingerprint(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+
+
+def about(team: str, engine: EngineKind, profile: str, seed: int, decisions: int) -> dict[str, Any]:
+    """Return what a run depends on."""
+    return {
+        "team": team,
+        "weights": fingerprint(find_policy(team) / WEIGHTS_FILE),
+        "engine": engine,
+        "version": version(engine),
+        "model": fingerprint(MODEL) if engine == "mujoco" else "",
+        "profile": profile,
+        "seed": seed,
+        "decisions": decisions,
+    }
+
+
+def run(team: str, engine: EngineKind, profile: str, seed: int, decisions: int) -> dict[str, Any]:
+    """Drive an episode and return what came of it, counts over all robots."""
+    policy = load_policy(team)
+    controller = Controller(policy, name=team)
+    config = controller.config.changed(profile=None, pellet_gradient=0.0)
+    robots = make_stand_in(engine, config, seed=seed, profile=profile or None)
+    counts = dict.fromkeys(("touches", "wall_touches", "pellet_touches", "torn", "stopped"), 0)
+    began = time.thread_time()
+    for _ in range(decisions):
+        actions = np.full(controller.robots, STOP)
+        for _ in range(robots.arena.timing.control_steps):
+            command = controller.step(robots.readings(), robots.now)
+            actions = actions if command.actions is None else command.actions
+            counts["stopped"] += sum(map(bool, command.stopped))
+            robots.obey(command)
+        state = robots.world.state
+        touched = state.touched[:, 0] & (actions != STOP)
+        for kind, name in enumerate(("touches", "wall_touches", "pellet_touches")):
+            counts[name] += int(touched[kind].sum())
+        counts["torn"] += int(state.lost.sum())
+    return {
+        "robots": controller.robots,
+        "arena": robots.arena.name,
+        "pellets": int(robots.world.state.delivered[0]),
+        **counts,
+        "speed": round(robots.now / (time.thread_time() - began), 1),
+    }
+
+
+class Records:
+    """Runs, each made once and kept in a file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+    def find(self, wanted: dict[str, Any]) -> dict[str, Any] | None:
+        return next((line for line in self.lines if wanted.items() <= line.items()), None)
+
+    def add(self, line: dict[str, Any]) -> None:
+        self.lines.append(line)
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(self._path) as part:
+            part.write_text("".join(json.dumps(one) + "\n" for one in self.lines), encoding="utf-8")
+
+
+def measure(records: Records, teams: list[str], options: argparse.Namespace) -> None:
+    cases = itertools.product(options.seeds, teams, ("", options.profile), options.engines)
+    for seed, team, profile, engine in cases:
+        what = about(team, engine, profile, seed, options.decisions)
+        if records.find(what) is None:
+            line = what | run(team, engine, profile, seed, options.decisions)
+            records.add(line)
+            print(
+                f"seed {seed} {team:<18}{engine:<8}{profile or 'exact':<12}{line['pellets']:4d} pellets"
+                f"{line['touches']:7d} touches{line['torn']:4d} torn   {line['speed']:.1f} times real time",
+                flush=True,
+            )
+
+
+def table(records: Records, teams: list[str], options: argparse.Namespace) -> Iterator[str]:
+    """Yield the table's lines: seeds that all cases of a team have."""
+    profile = options.profile
+    cases = [("pymunk", ""), ("mujoco", ""), ("pymunk", profile), ("mujoco", profile)]
+    heads = ["pymunk", "MuJoCo", "kept", f"pymunk, `{profile}`", f"MuJoCo, `{profile}`", "kept"]
+    yield _line(["team", "seeds", *heads, "touches, in the same order"])
+    yield "|---|---|---|---|---|---|---|---|---|"
+    for team in teams:
+        runs = {
+            case: {
+                seed: found
+                for seed in options.seeds
+                if (found := records.find(about(team, *case, seed, options.decisions)))  # type: ignore[arg-type]
+            }
+            for case in cases
+        }
+        seeds = sorted(set.intersection(*(set(found) for found in runs.values())))
+        if not seeds:
+            continue
+        pellets = [[runs[case][seed]["pellets"] for seed in seeds] for case in cases]
+        touches = [f"{statistics.mean(runs[case][seed]['touches'] for seed in seeds):.0f}" for case in cases]
+        shares = [_kept(pellets[0], pellets[1]), _kept(pellets[0], pellets[3])]
+        shown = [_spread(one) for one in pellets]
+        yield _line([f"`{team}`", len(seeds), *shown[:2], shares[0], *shown[2:], shares[1], ", ".join(touches)])
+
+
+def _kept(before: list[int], after: list[int]) -> str:
+    return f"{100 * sum(after) / sum(before):.0f} %" if sum(before) else "-"
+
+
+def _spread(values: list[int]) -> str:
+    return f"{statistics.mean(values):.1f}" + (f" ({statistics.stdev(values):.1f})" if len(values) > 1 else "")
+
+
+def _line(cells: list[Any]) -> str:
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("teams", nargs="*", help="policies; by default those that ship for the arenas compared")
+    parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES))
+    parser.add_argument("--profile", default="robotarium", help="beside no profile at all")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
+    parser.add_argument("--decisions", type=int, default=1000)
+    parser.add_argument("--known", action="store_true", help="print what --out holds, and measure nothing")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs/results/engines.jsonl")
+    options = parser.parse_args()
+    records, teams = Records(options.out), options.teams or shipped_teams()
+    if not options.known:
+        measure(records, teams, options)
+    for row in table(records, teams, options):
+        print(row)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except InputError as error:
+        sys.exit(str(error))
