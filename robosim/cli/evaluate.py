@@ -167,10 +167,12 @@ def summary(evaluation: Evaluation) -> str:
     robots = "  ".join(f"{mean:.1f}" for mean in evaluation.per_robot)
     grid = " (grid world)" if evaluation.world == "grid" else ""
     profile = f" (profile {evaluation.profile.name or 'without a name'})" if evaluation.profile else ""
+    closest = f"\n  closest, centres        {min(evaluation.closest):.4f} m" if evaluation.closest else ""
     return (
         f"{evaluation.controller} in {evaluation.arena}{grid}{profile}, {evaluation.robots} robots, "
         f"{evaluation.episodes} episodes of {evaluation.episode_steps} decisions:\n"
         f"  pellets per episode     {evaluation.mean:.1f} (standard deviation {evaluation.std:.1f})\n"
         f"  of each robot           {robots}\n"
         f"  collisions per episode  {sum(evaluation.collisions) / evaluation.episodes:.1f}"
+        f"{closest}"
     )

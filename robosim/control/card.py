@@ -105,6 +105,8 @@ class Evaluation(Record):
     """[episodes] decisions in which robots that did not stop touched another, summed over robots."""
     profile: ProfileConfig | None = None
     """What was random and wrong about robots and what they perceived; none for nothing."""
+    closest: Many[Annotated[float, Field(ge=0)]] | None = None
+    """[episodes] the least distance between the centres of two robots, m; none for one robot."""
 
     @property
     def episodes(self) -> int:
@@ -140,6 +142,8 @@ class Evaluation(Record):
             )
         if len(self.collisions) != self.episodes:
             raise ValueError(f"collisions must hold {self.episodes} numbers, one for each episode")
+        if self.closest is not None and len(self.closest) != self.episodes:
+            raise ValueError(f"closest must hold {self.episodes} numbers, one for each episode")
         return self
 
 

@@ -40,6 +40,8 @@ def evaluate(
     """
     delivered: list[tuple[int, ...]] = []
     collisions: list[int] = []
+    closest: list[float] = []
+    env.world.meter()
     # Who watches reads the last decision after it, so the next episode must not begin by itself.
     autoreset, env.autoreset = env.autoreset, False
     try:
@@ -59,6 +61,7 @@ def evaluate(
                 one.end(env, min(env.num_envs, episodes - len(delivered)))
             delivered += [tuple(map(int, robots)) for robots in env.delivered]
             collisions += map(int, collided)
+            closest += map(float, env.world.closest.min(axis=1))
     finally:
         env.autoreset = autoreset
     return Evaluation(
@@ -71,4 +74,5 @@ def evaluate(
         delivered=tuple(delivered[:episodes]),
         collisions=tuple(collisions[:episodes]),
         profile=env.config.profile,
+        closest=tuple(closest[:episodes]) if env.robots > 1 else None,
     )

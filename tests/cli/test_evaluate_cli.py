@@ -19,7 +19,7 @@ def test_a_report_is_written_and_its_main_figures_are_printed(tmp_path, monkeypa
     assert main([*SHORT, "--report", "out", "--json", "out.json"]) == 0
     shown = capsys.readouterr().out.splitlines()
     assert shown[0] == "lanes in paper, 2 robots, 2 episodes of 20 decisions:"
-    assert shown[4:] == [
+    assert shown[5:] == [
         "  time clogged            0.0 %, no clogs",
         "  strategy                neither One-at-a-Time nor Bucket-Brigade in 2 of 2 episodes",
         "  report                  out/index.html",
@@ -50,6 +50,7 @@ def test_without_a_report_nothing_is_watched_and_nothing_else_is_printed(capsys)
         "pellets per episode",
         "of each robot",
         "collisions per episode",
+        "closest, centres",
     ]
     assert lines[-1] == "[] False False"
 

@@ -95,6 +95,11 @@ def refused(tmp_path, text):
             "evaluation: collisions must hold 2 numbers, one for each episode.",
         ),
         (
+            "evaluation.closest",
+            [0.2, 0.3, 0.4],
+            "evaluation: closest must hold 2 numbers, one for each episode.",
+        ),
+        (
             "evaluation.delivered",
             [[10**400, 2, 3], [4, 5, 6]],
             (

@@ -15,14 +15,19 @@ def test_figures_are_those_of_the_episodes_themselves():
     env, lanes = team(2), LanesController()
     observation = env.reset(seed=5)
     lanes.reset(env)
-    collided = np.zeros(2, int)
+    env.world.meter()
+    collided, closest = np.zeros(2, int), env.world.closest
     for _ in range(300):
         transition = env.step(lanes.act(env, observation))
         observation = transition.observation
         if not transition.truncated.any():
             collided += env.dec_pomdp.truth.collided.sum(axis=1)
+            closest = env.world.closest.copy()
     assert evaluation.delivered == tuple(map(tuple, transition.final_delivered.tolist()))
     assert evaluation.mean > 0
+    assert evaluation.closest is not None
+    assert (np.array(evaluation.closest) <= closest.min(axis=1)).all()
+    assert 0.05 < min(evaluation.closest) < 0.5
     # The last decision's collisions are gone once the next episode has begun.
     assert all(0 <= full - seen <= 2 for full, seen in zip(evaluation.collisions, collided, strict=True))
     assert (evaluation.controller, evaluation.arena, evaluation.robots) == ("lanes", "paper", 2)
@@ -38,3 +43,8 @@ def test_the_environment_is_left_as_it_was_found():
     env = team(1, 20)
     evaluate(RandomController(), env, 1)
     assert env.autoreset
+
+
+def test_one_robot_comes_near_to_nobody():
+    env = VectorEnv("paper", robots=1, episode_steps=5)
+    assert evaluate(RandomController(), env, 1).closest is None
