@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import re
 import stat
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from robosim.errors import InputError
@@ -137,6 +138,29 @@ def remove_strays(folder: Path, written: Callable[[str], bool]) -> None:
         named = _STRAY.fullmatch(path.name)
         if named and written(named["name"]) and is_regular(path):
             path.unlink(missing_ok=True)
+
+
+def digests(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """Return the SHA-256 of each of the files in `folder` that is there, by name."""
+    return {name: _digest(folder / name) for name in names if is_regular(folder / name)}
+
+
+def require_unchanged(folder: Path, known: Mapping[str, str]) -> None:
+    """Raise InputError if a file in `folder` is not what it was, by digests of `digests`.
+
+    Files that are gone are left to whoever needs them.
+    """
+    for name, digest in known.items():
+        path = folder / name
+        try:
+            if is_regular(path) and _digest(path) != digest:
+                raise InputError(f"{path}: is not what the run wrote: its SHA-256 is another.")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from None
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def sync(path: Path) -> None:

@@ -163,6 +163,8 @@ class PolicyCard(Record):
     evaluation: Evaluation | None = None
     reference: Evaluation | None = None
     """Of the scripted controller `lanes`, over the same episodes."""
+    weights_sha256: str = Field(default="", max_length=64)
+    """SHA-256 of the file of weights; empty as long as they are in no file."""
     notes: str = Field(default="", max_length=2000)
     """What the policy fails at, in a sentence or two."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import re
 import tempfile
@@ -18,11 +20,14 @@ from robosim.arena.shipped import shipped_folder
 from robosim.control.card import MOST_BYTES, PolicyCard, card_text, read_card, read_limited
 from robosim.control.network import Networks, Weights, check_weights
 from robosim.errors import InputError, nearest_names, shown
+from robosim.files import is_regular, require_unchanged
 
 WEIGHTS_FILE = "policy.safetensors"
 CARD_FILE = "card.json"
 RUN_POLICY = "policy"
 """Name of the policy folder inside a run folder."""
+RUN_RECORD = "finished.json"
+"""Name of the last record of a run inside its folder."""
 
 _DTYPES: dict[str, np.dtype[np.floating]] = {"F32": np.dtype("<f4"), "F16": np.dtype("<f2")}
 _MOST_HEADER = 1_000_000
@@ -116,18 +121,40 @@ def load_policy(name_or_path: str | Path) -> Policy:
 
 def read_policy(folder: Path) -> Policy:
     """Read a policy folder; InputError in one sentence if it is not whole and sound."""
+    if folder.name == RUN_POLICY:
+        check_run(folder.parent)
     card = read_card(folder / CARD_FILE)
     path = folder / WEIGHTS_FILE
     return Policy(_read_weights(path, card), card, str(path))
 
 
+def check_run(folder: Path) -> None:
+    """Raise InputError if a file of a finished run is not what the run wrote, by the digests it left.
+
+    Where no run has finished, there is nothing to check by.
+    """
+    path = folder / RUN_RECORD
+    try:
+        if not is_regular(path):
+            return
+        files = json.loads(read_limited(path, MOST_BYTES)).get("files", {})
+        require_unchanged(folder, {str(name): str(digest) for name, digest in files.items()})
+    except InputError:
+        raise
+    except (ValueError, AttributeError, RecursionError):
+        raise InputError(f"{path}: not the last record of a run.") from None
+
+
 def save_policy(folder: Path, weights: Weights, card: PolicyCard) -> None:
     """Write a policy folder, whole or not at all; a policy that is there already is replaced.
 
-    `weights` are of the shapes and the precision that `card.network` states. InputError if they do not fit
+    `weights` are of the shapes and the precision that `card.network` states; the card is told their SHA-256.
+    InputError if they do not fit
     the card, or if `folder` holds anything but a policy.
     """
     check_weights(card.network, weights, "weights")
+    stored = safetensors.numpy.save({name: np.ascontiguousarray(array) for name, array in weights.items()})
+    card = card.changed(weights_sha256=hashlib.sha256(stored).hexdigest())
     text = card_text(card).encode("utf-8")
     if len(text) > MOST_BYTES:
         raise InputError(f"the card takes {len(text)} bytes, but must take at most {MOST_BYTES}.")
@@ -143,9 +170,8 @@ def save_policy(folder: Path, weights: Weights, card: PolicyCard) -> None:
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=parent) as scratch:
             fresh, former = Path(scratch) / "new", Path(scratch) / "old"
             fresh.mkdir()
-            whole = {name: np.ascontiguousarray(array) for name, array in weights.items()}
             # Not by save_file, which lets nobody but the owner read the file.
-            (fresh / WEIGHTS_FILE).write_bytes(safetensors.numpy.save(whole))
+            (fresh / WEIGHTS_FILE).write_bytes(stored)
             (fresh / CARD_FILE).write_bytes(text)
             if folder.exists():
                 folder.rename(former)
@@ -191,6 +217,8 @@ def _read_weights(path: Path, card: PolicyCard) -> dict[str, NDArray[np.floating
             "the most a policy may take."
         )
     data = read_limited(path, 4 * network.numbers * network.networks + _MOST_HEADER)
+    if card.weights_sha256 and hashlib.sha256(data).hexdigest() != card.weights_sha256:
+        raise InputError(f"{path}: not the weights of this card: their SHA-256 is another.")
     try:
         tensors: list[tuple[str, dict[str, Any]]] = safetensors.deserialize(data)  # type: ignore[no-untyped-call]
     except safetensors.SafetensorError as error:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from robosim.arena import Arena, load_arena
 from robosim.control.card import Evaluation
+from robosim.control.policy import RUN_RECORD, check_run
 from robosim.envs.config import MOST_STEPS, EnvConfig
 from robosim.errors import InputError, shown, whole_number
 from robosim.experiments.jobs import CONFIG_FILE as JOB_FILE
@@ -33,7 +34,6 @@ TOUCHES = "touches"
 CONFIG_FILE = "config.toml"
 EVALUATION_FILE = "evaluation.json"
 METRICS_FILE = "metrics.parquet"
-FINISHED_FILE = "finished.json"
 
 _GROUPS = ("env", "algorithm", "schedule")
 """Tables of a run's configuration on which depends what is learned."""
@@ -210,8 +210,9 @@ def _read_folder(folder: Path) -> Run:
     path = folder / EVALUATION_FILE
     if not path.exists():
         goes_on = f"`robosim train --resume {folder}` goes on with it"
-        why = "it was trained without" if (folder / FINISHED_FILE).exists() else goes_on
+        why = "it was trained without" if (folder / RUN_RECORD).exists() else goes_on
         raise InputError(f"{folder}: this run has no evaluation ({EVALUATION_FILE}): {why}.")
+    check_run(folder)
     evaluation = _read_evaluation(path)
     if evaluation is None:
         raise InputError(f"{path}: this is not the evaluation of a run.")

@@ -1,13 +1,14 @@
 """Checkpoints: everything that a run goes on from, written whole, so that a kill at any moment costs little.
 
 A checkpoint is one file, `NNNNNNNNNNNN.safetensors`, with tensors and, as JSON in its header, all else.
-Experience is kept beside it in parts, each written once and shared by the checkpoints after it. Reading
-runs no code from any of them.
+Experience is kept beside it in parts, each written once and shared by the checkpoints after it. Each of them
+holds its own SHA-256, so that no bit of it changes unnoticed. Reading runs no code from any of them.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping
@@ -23,9 +24,12 @@ from torch import Tensor
 from robosim.errors import InputError
 from robosim.files import is_regular, write_whole
 
-FORMAT = "robosim-checkpoint-1"
+FORMAT = "robosim-checkpoint-2"
 _CHECKPOINT = re.compile(r"\d{12}\.safetensors")
 _PART = re.compile(r"experience-\d{4}-\d{12}-\d{12}\.zst")
+_BEFORE_DIGITS = b'{\\"sha256\\": \\"'
+"""What stands before the digest: JSON in a string of the JSON that is safetensors' header."""
+_DIGITS = 64
 _KEPT = 2
 """Checkpoints kept: the latest, and the one before for the case that the latest is damaged."""
 
@@ -49,7 +53,7 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     InputError, and the checkpoints before left as they are, when it cannot be written.
     """
     header = {"format": FORMAT, "step": checkpoint.step, "parts": checkpoint.parts, "facts": checkpoint.facts}
-    data = safetensors.torch.save(dict(checkpoint.tensors), {"robosim": json.dumps(header)})
+    data = _sealed(checkpoint.tensors, header)
     write_whole(folder / f"{checkpoint.step:012d}.safetensors", data, durable=True)
     _tidy(folder)
 
@@ -59,7 +63,7 @@ def write_part(folder: Path, name: str, tensors: Mapping[str, Tensor]) -> None:
 
     `name` is `experience-STAGE-FIRST-LAST.zst`, with 4, 12 and 12 digits.
     """
-    data = pa.compress(safetensors.torch.save(dict(tensors)), codec="zstd", asbytes=True)
+    data = pa.compress(_sealed(tensors, {}), codec="zstd", asbytes=True)
     write_whole(folder / name, data, durable=True)
 
 
@@ -70,7 +74,9 @@ def read_part(folder: Path, name: str) -> dict[str, Tensor]:
         _whole(path, "part of a checkpoint"),
         pa.CompressedInputStream(pa.OSFile(str(path)), "zstd") as stream,
     ):
-        return safetensors.torch.load(stream.read())
+        data = stream.read()
+        _check_seal(data)
+        return safetensors.torch.load(data)
 
 
 def list_checkpoints(folder: Path) -> list[Path]:
@@ -95,7 +101,9 @@ def read_checkpoint(path: Path) -> Checkpoint:
     """Read a checkpoint; InputError in one sentence when it is damaged."""
     header = _read_header(path)
     with _whole(path, "checkpoint"):
-        tensors = safetensors.torch.load(path.read_bytes())
+        data = path.read_bytes()
+        _check_seal(data)
+        tensors = safetensors.torch.load(data)
         return Checkpoint(int(header["step"]), tensors, dict(header["facts"]), tuple(header["parts"]))
 
 
@@ -109,9 +117,31 @@ def _read_header(path: Path) -> dict[str, Any]:
     return header
 
 
+def _sealed(tensors: Mapping[str, Tensor], header: Mapping[str, Any]) -> bytes:
+    """Return a safetensors file with `header` as JSON and, in front of it, the SHA-256 of the file.
+
+    Of the file as it is with zeros in the place of these digits.
+    """
+    blank = "0" * _DIGITS
+    data = safetensors.torch.save(dict(tensors), {"robosim": json.dumps({"sha256": blank, **header})})
+    place = data.index(_BEFORE_DIGITS) + len(_BEFORE_DIGITS)
+    return data[:place] + hashlib.sha256(data).hexdigest().encode() + data[place + _DIGITS :]
+
+
+def _check_seal(data: bytes) -> None:
+    """Raise ValueError unless a file is to the bit what `_sealed` made."""
+    place = data.index(_BEFORE_DIGITS) + len(_BEFORE_DIGITS)
+    blank = data[:place] + b"0" * _DIGITS + data[place + _DIGITS :]
+    if hashlib.sha256(blank).hexdigest().encode() != data[place : place + _DIGITS]:
+        raise ValueError("its SHA-256 is not that of what was written")
+
+
 @contextlib.contextmanager
 def _whole(path: Path, what: str) -> Iterator[None]:
     """Turn whatever shows that a file is no whole `what` into one sentence."""
+    # A pipe in its place would be waited for.
+    if path.exists() and not is_regular(path):
+        raise InputError(f"{path}: not a whole {what} (it is not a regular file).")
     try:
         yield
     except InputError:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import tomllib
 from collections.abc import Mapping
@@ -94,6 +96,12 @@ class RunConfig(Record):
     """How much is learned, and by whom at a time."""
     run: RunSettings = RunSettings()
     """How the run is carried out."""
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of all on which depends what is learned."""
+        learned = self.model_dump(mode="json", exclude={"run"}) | {"seed": self.run.seed}
+        return hashlib.sha256(json.dumps(learned, sort_keys=True).encode()).hexdigest()
 
     @field_validator("algorithm", mode="before")
     @classmethod

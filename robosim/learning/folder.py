@@ -13,14 +13,22 @@ import stat
 import tempfile
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from robosim.control.card import Evaluation
-from robosim.control.policy import CARD_FILE, RUN_POLICY, WEIGHTS_FILE
+from robosim.control.policy import CARD_FILE, RUN_POLICY, RUN_RECORD, WEIGHTS_FILE
 from robosim.errors import InputError, shown
-from robosim.files import is_regular, remove_strays, sync, whole_file, write_whole
+from robosim.files import (
+    digests,
+    is_regular,
+    remove_strays,
+    require_unchanged,
+    sync,
+    whole_file,
+    write_whole,
+)
 from robosim.learning.checkpoint import is_checkpoint_file, remove_checkpoints
 from robosim.learning.config import RunConfig, read_config, write_config
 
@@ -28,7 +36,7 @@ CONFIG_FILE = "config.toml"
 METRICS_FILE = "metrics.parquet"
 EVALUATION_FILE = "evaluation.json"
 COMMAND_FILE = "command.txt"
-FINISHED_FILE = "finished.json"
+FINISHED_FILE = RUN_RECORD
 CHECKPOINTS = "checkpoints"
 RECORDINGS = "recordings"
 CURVES = "tensorboard"
@@ -48,6 +56,8 @@ class Finished:
     """Joint decisions."""
     wall_time: float
     """Time spent learning, all parts of an interrupted run together, s."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of the other files of the run, by their paths in its folder."""
 
 
 class RunFolder:
@@ -143,16 +153,23 @@ class RunFolder:
         write_whole(self.path / EVALUATION_FILE, evaluation.model_dump_json(indent=2) + "\n")
 
     def finished(self) -> Finished | None:
-        """Return the last record of a finished run, None of any other; InputError if it is damaged."""
+        """Return the last record of a finished run, None of any other.
+
+        InputError if it is damaged, or a file is no longer what the run wrote.
+        """
         path = self.path / FINISHED_FILE
         try:
-            return Finished(**json.loads(path.read_bytes()))
+            finished = Finished(**json.loads(path.read_bytes()))
+            require_unchanged(self.path, finished.files)
+            return finished
+        except InputError:
+            raise
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, TypeError) as error:
+        except (OSError, ValueError, TypeError, AttributeError) as error:
             raise InputError(f"{path}: not the last record of a run ({error}).") from None
 
-    def finish(self, record: Finished) -> None:
+    def finish(self, steps: int, wall_time: float) -> None:
         """Write the last record, once all else is on the disk, and remove what only a resume needs."""
         try:
             for path in (self.path, self.policy):
@@ -162,6 +179,8 @@ class RunFolder:
                 sync(path)
         except OSError as error:
             raise self._unwritable(error) from None
+        kept = (*_FILES, f"{RUN_POLICY}/{CARD_FILE}", f"{RUN_POLICY}/{WEIGHTS_FILE}")
+        record = Finished(steps, wall_time, digests(self.path, kept))
         write_whole(self.path / FINISHED_FILE, json.dumps(asdict(record)) + "\n", durable=True)
         # Not before: until here a kill must find something to go on from.
         remove_checkpoints(self.checkpoints)

@@ -24,7 +24,7 @@ from robosim.files import alone_in
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint
 from robosim.learning.computing import one_thread
 from robosim.learning.config import EVALUATION_SEED, RunConfig, self_contained
-from robosim.learning.folder import Finished, RunFolder
+from robosim.learning.folder import RunFolder
 from robosim.learning.interrupts import hold_interrupts
 from robosim.learning.metrics import Metrics, write_metrics
 from robosim.learning.tensorboard import Curves
@@ -143,7 +143,7 @@ class _Run:
             evaluation = evaluate_run(config, controller, training.seed(EVALUATION_SEED))
             save_policy(folder.policy, weights, card.changed(evaluation=evaluation))
             folder.write_evaluation(evaluation)
-        folder.finish(Finished(training.step, self._wall_time))
+        folder.finish(training.step, self._wall_time)
         return TrainResult(folder.path, training.step, self._wall_time, evaluation)
 
     def _learn(self) -> None:

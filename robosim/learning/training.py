@@ -144,6 +144,7 @@ class Training:
         """
         tensors: dict[str, torch.Tensor] = {}
         facts: dict[str, Any] = {
+            "config": self.config.fingerprint,
             "ended": [stage.model_dump() for stage in self.ended],
             "sums": asdict(self.log.sums),
             "rows": [asdict(row) for row in self.log.rows],
@@ -193,6 +194,8 @@ class Training:
         self.step = checkpoint.step
 
     def _restore(self, tensors: Mapping[str, torch.Tensor], facts: Mapping[str, Any], folder: Path) -> None:
+        if facts["config"] != self.config.fingerprint:
+            raise InputError("the checkpoint is of a run with another configuration.")
         self.ended = [StageCard.model_validate(stage) for stage in facts["ended"]]
         if "team" in facts:
             prefix = "team."

@@ -1,3 +1,4 @@
+import hashlib
 import json
 import os
 import struct
@@ -8,6 +9,8 @@ import threading
 import numpy as np
 import pytest
 import safetensors.numpy
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import robosim.control.policy as policy_module
 from robosim.control.card import card_text
@@ -19,6 +22,18 @@ from robosim.errors import InputError, shown
 def folder(tmp_path, card, weights_of):
     save_policy(tmp_path / "mine", weights_of(card), card)
     return tmp_path / "mine"
+
+
+def saved_card(folder, card):
+    """The card as it is saved with the weights in a folder."""
+    digest = hashlib.sha256((folder / "policy.safetensors").read_bytes()).hexdigest()
+    return card.changed(weights_sha256=digest)
+
+
+def without_digest(folder):
+    """Take the digest of the weights from a policy's card, so that what is wrong with them is looked at."""
+    path = folder / "card.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"weights_sha256": ""}))
 
 
 def slow_action(weights, card, robot, observation):
@@ -55,7 +70,7 @@ def test_acts_as_each_robots_own_network(tmp_path, card_of, weights_of, batch, p
 
 def test_loaded_policy_is_the_saved_one(folder, card, weights_of):
     loaded = load_policy(str(folder))
-    assert loaded.card == card
+    assert loaded.card == saved_card(folder, card)
     assert loaded.robots == 3
     observation = np.random.default_rng(1).normal(size=(50, 3, 7)).astype(np.float32)
     kept = Policy(weights_of(card), card)
@@ -182,6 +197,7 @@ def test_weights_that_overflow_together_are_refused_in_both_directions(
 def test_precision_must_be_the_one_that_the_card_says(tmp_path, card_of, weights_of, said, other):
     card, wrong = (card_of(network={"precision": precision}) for precision in (said, other))
     save_policy(tmp_path / "p", weights_of(card), card)
+    without_digest(tmp_path / "p")
     safetensors.numpy.save_file(weights_of(wrong), tmp_path / "p" / "policy.safetensors")
     assert refused(tmp_path / "p").endswith(f": layer0.bias is of type {other}, but must be {said}.")
 
@@ -250,14 +266,14 @@ def test_wrong_observation_is_a_sentence(card, weights_of, observation, sentence
 
 def test_a_run_folder_stands_for_its_policy(tmp_path, card, weights_of):
     save_policy(tmp_path / "run" / "policy", weights_of(card), card)
-    assert load_policy(tmp_path / "run").card == card
+    assert load_policy(tmp_path / "run").card == saved_card(tmp_path / "run" / "policy", card)
 
 
 def test_shipped_policies_go_by_name(tmp_path, card, weights_of, monkeypatch):
     save_policy(tmp_path / "paper-2", weights_of(card), card)
     monkeypatch.setattr(policy_module, "shipped_folder", lambda kind: tmp_path)
     monkeypatch.chdir("/")
-    assert load_policy("paper-2").card == card
+    assert load_policy("paper-2").card == saved_card(tmp_path / "paper-2", card)
     with pytest.raises(InputError) as caught:
         load_policy("papper-2")
     assert str(caught.value) == (
@@ -295,6 +311,7 @@ def test_missing_and_wrong_kinds_of_files_are_refused(folder):
 
 
 def test_every_truncation_is_refused(folder):
+    without_digest(folder)
     weights = folder / "policy.safetensors"
     data = weights.read_bytes()
     for length in {0, 1, 7, 8, 9, len(data) // 2, len(data) - 1}:
@@ -305,6 +322,7 @@ def test_every_truncation_is_refused(folder):
 
 
 def test_huge_header_and_huge_file_are_refused_unread(folder):
+    without_digest(folder)
     weights = folder / "policy.safetensors"
     weights.write_bytes(struct.pack("<Q", 2**62) + b"{}")
     assert refused(folder).startswith("/policy.safetensors: not a whole safetensors file (")
@@ -343,7 +361,8 @@ def test_weights_that_do_not_fit_the_card_are_refused_in_both_directions(
     with pytest.raises(InputError) as caught:
         save_policy(folder, weights, card)
     assert str(caught.value) == f"weights: {sentence}"
-    assert load_policy(folder).card == card
+    assert load_policy(folder).card == saved_card(folder, card)
+    without_digest(folder)
     safetensors.numpy.save_file(weights, folder / "policy.safetensors")
     assert refused(folder) in (
         f"/policy.safetensors: {sentence}",
@@ -391,3 +410,17 @@ def test_a_folder_with_other_things_is_never_replaced(tmp_path, card, weights_of
     with pytest.raises(InputError, match="the policy cannot be written: "):
         save_policy(tmp_path / "thesis.tex" / "p", weights_of(card), card)
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+@given(st.data())
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_bit_of_the_weights_changes_unnoticed(folder, data):
+    path = folder / "policy.safetensors"
+    whole = path.read_bytes()
+    flipped = bytearray(whole)
+    bit = data.draw(st.integers(0, 8 * len(whole) - 1))
+    flipped[bit // 8] ^= 1 << bit % 8
+    path.write_bytes(flipped)
+    sentence = refused(folder)
+    path.write_bytes(whole)
+    assert sentence == "/policy.safetensors: not the weights of this card: their SHA-256 is another."

@@ -5,7 +5,7 @@ import numpy as np
 from robosim.control.card import Evaluation
 from robosim.experiments.results import Result, append_result
 from robosim.learning.config import run_config
-from robosim.learning.folder import Finished, RunFolder
+from robosim.learning.folder import RunFolder
 from robosim.learning.metrics import Metrics, write_metrics
 
 STEPS = 400
@@ -38,7 +38,7 @@ def folder(path, technique, seed, pellets, robots=2, rate=0.01, **options):
     write_metrics(rows, run.metrics)
     run.write_evaluation(evaluation(pellets, robots, str(path), seed))
     run.policy.mkdir()
-    run.finish(Finished(STEPS, 1.0))
+    run.finish(STEPS, 1.0)
     return path
 
 

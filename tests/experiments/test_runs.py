@@ -22,11 +22,10 @@ TASK = Task("paper", "grid", 300, 2)
 
 
 def test_files_are_named_as_a_run_names_them():
-    assert (module.CONFIG_FILE, module.EVALUATION_FILE, module.METRICS_FILE, module.FINISHED_FILE) == (
+    assert (module.CONFIG_FILE, module.EVALUATION_FILE, module.METRICS_FILE) == (
         names.CONFIG_FILE,
         names.EVALUATION_FILE,
         names.METRICS_FILE,
-        names.FINISHED_FILE,
     )
 
 
@@ -182,6 +181,8 @@ def damage(path, how):
 )
 def test_a_damaged_run_is_a_sentence(tmp_path, how, sentence):
     path = made.folder(tmp_path / "run", "iql+s", 0, [4])
+    # A record without digests, so that what is wrong with the files is looked at.
+    (path / "finished.json").write_text('{"steps": 12, "wall_time": 1.0}')
     damage(path, how)
     with pytest.raises(InputError) as caught:
         read_runs([tmp_path])
@@ -259,3 +260,16 @@ def test_reading_runs_takes_no_torch(tmp_path):
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
     )
     assert done.stdout == "1 False False\n"
+
+
+@pytest.mark.parametrize("name", ["config.toml", "evaluation.json", "metrics.parquet"])
+def test_no_bit_of_a_finished_run_changes_unnoticed(tmp_path, name):
+    path = made.folder(tmp_path / "run", "iql+s", 0, [4])
+    whole = (path / name).read_bytes()
+    for bit in np.random.default_rng(1).integers(0, 8 * len(whole), 10).tolist():
+        flipped = bytearray(whole)
+        flipped[bit // 8] ^= 1 << bit % 8
+        (path / name).write_bytes(flipped)
+        with pytest.raises(InputError) as caught:
+            read_runs([tmp_path])
+        assert str(caught.value) == f"{path / name}: is not what the run wrote: its SHA-256 is another."

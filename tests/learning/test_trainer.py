@@ -1,4 +1,5 @@
 import multiprocessing
+import os
 import signal
 import subprocess
 import sys
@@ -490,7 +491,27 @@ def interrupted(folder, config):
     return list_checkpoints(folder / "checkpoints")
 
 
-@pytest.mark.parametrize("damage", ["truncated", "emptied", "of other networks", "part missing", "part cut"])
+def flip_a_bit(path, bit=None):
+    """Change one bit of a file, by default one of those in its middle."""
+    data = bytearray(path.read_bytes())
+    bit = 4 * len(data) + 3 if bit is None else bit
+    data[bit // 8] ^= 1 << bit % 8
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "truncated",
+        "emptied",
+        "bit",
+        "of other networks",
+        "part missing",
+        "part cut",
+        "part's bit",
+        "part a pipe",
+    ],
+)
 def test_a_damaged_checkpoint_is_reported_and_the_one_before_goes_on(tmp_path, damage):
     config = short(steps=700, checkpoint_every=200)
     run(tmp_path / "whole", config)
@@ -500,6 +521,8 @@ def test_a_damaged_checkpoint_is_reported_and_the_one_before_goes_on(tmp_path, d
         latest.write_bytes(latest.read_bytes()[:-100])
     elif damage == "emptied":
         latest.write_bytes(b"")
+    elif damage == "bit":
+        flip_a_bit(latest)
     elif damage == "of other networks":
         kept = read_checkpoint(latest)
         tensors = {name: tensor[:1] if tensor.dim() else tensor for name, tensor in kept.tensors.items()}
@@ -509,8 +532,12 @@ def test_a_damaged_checkpoint_is_reported_and_the_one_before_goes_on(tmp_path, d
         assert part.name not in read_checkpoint(before).parts
         if damage == "part cut":
             part.write_bytes(part.read_bytes()[:-10])
+        elif damage == "part's bit":
+            flip_a_bit(part)
         else:
             part.unlink()
+            if damage == "part a pipe":
+                os.mkfifo(part)
     heard = []
     resume(folder, lambda row: None, warn=heard.append)
     assert len(heard) == 1
