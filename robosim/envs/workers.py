@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import itertools
 import multiprocessing
 import signal
 import traceback
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -93,6 +94,7 @@ class WorkerVectorEnv:
         self._pipes: list[Connection[Any, Any]] = []
         self._processes: list[BaseProcess] = []
         self._close = weakref.finalize(self, _end, self._pipes, self._processes)
+        self._cut_short = False
         for share in self._shares:
             ours, theirs = context.Pipe()
             own = {"base": self.config, "seed": sample.seeds[share], "autoreset": sample.autoreset}
@@ -103,39 +105,41 @@ class WorkerVectorEnv:
             theirs.close()
             self._pipes.append(ours)
             self._processes.append(process)
-        self._answers()
+        with self._exchange():
+            self._answers()
 
     def reset(self, seed: int | Sequence[int] | None = None) -> NDArray[np.float32]:
         """Begin an episode in every environment; returns the observations [envs, robots, size]."""
         seeds = None if seed is None else self.seeds_from(seed)
-        for worker, share in enumerate(self._shares):
-            self._send(worker, ("reset", None if seeds is None else seeds[share]))
-        self._answers()
+        with self._exchange():
+            for worker, share in enumerate(self._shares):
+                self._send(worker, ("reset", None if seeds is None else seeds[share]))
+            self._answers()
         return self._copy("observation")
 
     def step(self, actions: ArrayLike) -> Transition:
         """Take one decision in every environment: `actions` is [envs, robots]."""
-        self._arrays["actions"][:] = checked_actions(actions, (self.num_envs, self.robots), self.num_actions)
-        for worker in range(len(self._shares)):
-            self._send(worker, ("step", None))
-        self._answers()
+        chosen = checked_actions(actions, (self.num_envs, self.robots), self.num_actions)
+        with self._exchange():
+            self._arrays["actions"][:] = chosen
+            self._ask_all("step")
         return Transition(**{name: self._copy(name) for name in Transition._fields})
 
     def snapshot(self) -> Snapshot:
         """Return the present moment, as that of a `VectorEnv` of the same environments."""
-        for worker in range(len(self._shares)):
-            self._send(worker, ("snapshot", None))
-        parts = self._answers()
+        with self._exchange():
+            parts = self._ask_all("snapshot")
         seeds = tuple(seed for part in parts for seed in part.seeds)
         return Snapshot(seeds, parts[0].episode, np.concatenate([part.actions for part in parts], axis=1))
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Return to a moment, exact to the last bit; returns the observations [envs, robots, size]."""
         snapshot.require_size(self.num_envs, self.robots)
-        for worker, share in enumerate(self._shares):
-            part = Snapshot(snapshot.seeds[share], snapshot.episode, snapshot.actions[:, share])
-            self._send(worker, ("restore", part))
-        self._answers()
+        with self._exchange():
+            for worker, share in enumerate(self._shares):
+                part = Snapshot(snapshot.seeds[share], snapshot.episode, snapshot.actions[:, share])
+                self._send(worker, ("restore", part))
+            self._answers()
         return self._copy("observation")
 
     @property
@@ -151,17 +155,17 @@ class WorkerVectorEnv:
     @property
     def drawn(self) -> tuple[MotionDraws, ...] | None:
         """[envs] what the present episodes have drawn from the profile; None without one, before a reset."""
-        for worker in range(len(self._shares)):
-            self._send(worker, ("drawn", None))
-        parts = self._answers()
+        with self._exchange():
+            parts = self._ask_all("drawn")
         return None if parts[0] is None else tuple(one for part in parts for one in part)
 
     def frame(self, env: int = 0) -> Frame:
         """Return what a recorder reads of one environment after reset() and after each step()."""
         for worker, share in enumerate(self._shares):
             if share.start <= env < share.stop:
-                self._send(worker, ("frame", env - share.start))
-                frame: Frame = self._receive(worker)
+                with self._exchange():
+                    self._send(worker, ("frame", env - share.start))
+                    frame: Frame = self._receive(worker)
                 contacts = replace(frame.contacts, env=np.full_like(frame.contacts.env, env))
                 return replace(frame, contacts=contacts)
         raise refused("env", env, f"a whole number from 0 to {self.num_envs - 1}")
@@ -175,6 +179,32 @@ class WorkerVectorEnv:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @contextlib.contextmanager
+    def _exchange(self) -> Iterator[None]:
+        """Hold one exchange of questions and answers with the workers.
+
+        An interrupt in the middle of one, as by Ctrl-C in a notebook, leaves answers in the pipes that the
+        next question would take for its own. So nothing is asked any more after that.
+        """
+        if self._cut_short:
+            self.close()
+            raise InputError(
+                "vector_env: a decision was interrupted, and what has become of it is not known; "
+                "the environments are closed, make new ones."
+            )
+        self._cut_short = True
+        try:
+            yield
+        except Exception:
+            self._cut_short = False
+            raise
+        self._cut_short = False
+
+    def _ask_all(self, command: str) -> list[Any]:
+        for worker in range(len(self._shares)):
+            self._send(worker, (command, None))
+        return self._answers()
 
     def _answers(self) -> list[Any]:
         """Wait for every worker, so that no answer is left over; then raise what failed first."""

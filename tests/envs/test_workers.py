@@ -214,3 +214,39 @@ def test_workers_keep_what_the_plain_environment_does_at_the_end_of_an_episode()
         assert np.array_equal(ended.observation, ended.final_observation)
         with pytest.raises(InputError, match="the episode has ended after 2 decisions"):
             env.step(np.zeros((2, 1), dtype=int))
+
+
+def test_after_an_interrupt_it_is_sound_or_says_that_it_is_closed() -> None:
+    """As by Ctrl-C in a notebook, which goes on with the same object."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before, cut_short = workers_alive(), 0
+    handler = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        for delay in (0.05, 0.08):
+            env = vector_env("paper", robots=4, num_envs=4, workers=2)
+            env.reset(0)
+            stop = np.full((4, 4), 4)
+            with pytest.raises(KeyboardInterrupt):
+                signal.setitimer(signal.ITIMER_REAL, delay)
+                while True:
+                    env.step(stop)
+            try:
+                observation = env.reset(7)
+            except InputError as error:
+                cut_short += 1
+                assert str(error) == (
+                    "vector_env: a decision was interrupted, and what has become of it is not known; "
+                    "the environments are closed, make new ones."
+                )
+                assert workers_alive() == before
+                with pytest.raises(InputError, match="make new ones"):
+                    env.step(stop)
+            else:
+                np.testing.assert_array_equal(observation, VectorEnv("paper", robots=4, num_envs=4).reset(7))
+                env.close()
+    finally:
+        signal.signal(signal.SIGALRM, handler)
+    assert cut_short
