@@ -82,6 +82,11 @@ class RealTeam:
         """[rows, columns] occupancy of the pheromone map, row 0 at the bottom; changes with decisions."""
         return np.asarray(self._dec.pheromone.occupancy[0])
 
+    @property
+    def pose(self) -> Floats:
+        """[robots, 3] where the robots were seen last, on the map."""
+        return self._state.pose[0]
+
     def on_map(self, pose: Floats) -> Bools:
         """Return which of the poses [robots, 3] are finite and on the map, [robots]."""
         width, height = self.arena.size

@@ -1,0 +1,166 @@
+"""An exported team at work on the laboratory's floor: from its poses to its velocities, turn by turn.
+
+The policy decides once in a decision period, and its driver gives wheel speeds once in a control period, as in
+training. The laboratory takes velocities once in a turn of 0.033 s: both periods are whole numbers of turns (9
+and 3 with those of robosim's arenas, 0.297 and 0.099 s), and velocities are held in between.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robosim.arena.distance import DistanceField
+from robosim.arena.model import Arena, PelletSheet, Timing
+from robosim.control.network import NetworkSpec, Networks
+from robosim.deploy.robotarium.floor import VirtualFloor
+from robosim.deploy.team import RealTeam
+from robosim.discretise.observation import MoveGains, ObservationLayout
+from robosim.discretise.pheromone import PheromoneConfig
+from robosim.discretise.reward import RewardConfig
+from robosim.robot.kinematics import body_twist
+from robosim.robot.sheet import RobotSheet
+
+Floats = NDArray[np.float64]
+
+SETTINGS, ARRAYS = "team.json", "team.npz"
+TURN = 0.033
+"""Time between two commands, s."""
+_WITHIN = 1.0 - 1e-9
+"""Top speeds less than the limit by rounding, or every turn counts as one beyond it."""
+
+
+class Team:
+    """What a folder holds: the team, and all that is known of the experiment."""
+
+    def __init__(self, folder: Path) -> None:
+        self.settings: dict[str, Any] = json.loads((folder / SETTINGS).read_text(encoding="utf-8"))
+        with np.load(folder / ARRAYS, allow_pickle=False) as arrays:
+            self._arrays = dict(arrays)
+        self.robots = int(self.settings["robots"])
+        self.arena = self._arena()
+        team = self.settings
+        gains = team["gains"]
+        spec = NetworkSpec(**team["network"])
+        weights = {name: self._arrays[name] for name in spec.shapes}
+        networks = Networks(spec, weights, None if gains is None else MoveGains(*gains), ARRAYS)
+        self.driven = RealTeam(
+            self.arena,
+            self.robots,
+            ObservationLayout(**team["layout"]),
+            # Rewards decide nothing once a policy has learned.
+            RewardConfig(),
+            PheromoneConfig(**team["pheromone"]),
+            networks.act,
+        )
+
+    def _arena(self) -> Arena:
+        arrays, table = self._arrays, self.settings["arena"]
+        field = {name: arrays[f"distances.{name}"] for name in ("raster", "_last", "_table")}
+        return Arena(
+            name=table["name"],
+            description="",
+            file=SETTINGS,
+            text="",
+            zones=arrays["zones"],
+            cell_size=table["cell_size"],
+            walls=arrays["walls"],
+            distances=DistanceField(**field, **table["distances"]),
+            tunnel_length=table["tunnel_length"],
+            capacity=self.robots,
+            start_places=np.zeros((0, 2)),
+            pellet_places=arrays["pellet_places"],
+            robot=RobotSheet(**table["robot"]),
+            pellets=PelletSheet(**table["pellets"]),
+            timing=Timing(**table["timing"]),
+            as_text=False,
+        )
+
+
+class Experiment:
+    """Gives velocities for poses, once in every turn, and keeps the score.
+
+    Poses and velocities are as the laboratory has them: [3, robots] x m, y m, heading rad, from the middle of
+    its floor, and [2, robots] m/s, rad/s.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.team = Team(Path(folder))
+        settings, arena = self.team.settings, self.team.arena
+        self.robots = self.team.robots
+        self.turns = round(settings["seconds"] / TURN)
+        """How long the experiment is."""
+        self.starts: Floats = np.array(settings["starts"], np.float64).T
+        """[3, robots] poses to begin at."""
+        self.apart = float(settings["apart"])
+        """Least distance of centres that barrier certificates are to keep, m; 0 for none."""
+        self.origin = np.array([*settings["origin"], 0.0])
+        """Where the corner of the map lies on the floor, m, and how it is turned."""
+        self.floor = VirtualFloor(arena, self.robots, settings["seed"], self.apart)
+        self.closest = np.inf
+        """Least distance of two centres so far, m."""
+        self.deliveries: list[tuple[float, int]] = []
+        """Time, s, and number of pellets so far, of each decision that brought some."""
+        self._control_turns = round(arena.timing.control_period / TURN)
+        self._decision_turns = self._control_turns * arena.timing.control_steps
+        self._turn = 0
+        self._twist = np.zeros((2, self.robots))
+
+    @property
+    def decided(self) -> bool:
+        """Whether the last turn began a decision: then marks, pellets and score may have changed."""
+        return (self._turn - 1) % self._decision_turns == 0
+
+    def step(self, poses: Floats) -> Floats:
+        """Return the velocities for this turn's poses."""
+        team, floor = self.team.driven, self.floor
+        pose = np.ascontiguousarray(poses.T - self.origin)
+        here = team.on_map(pose)
+        team.place(pose, here)
+        # A robot that is lost stands still, and for the others it is where it was seen last.
+        known = team.pose
+        self._keep_closest(pose[here])
+        floor.look(known)
+        if self._turn % self._decision_turns == 0:
+            self._decide(known, ~here)
+        if self._turn % self._control_turns == 0:
+            speed, rate = body_twist(self.team.arena.robot, team.wheel_speeds(~here) * _WITHIN)
+            self._twist = np.stack([speed, rate])
+        self._turn += 1
+        velocities = self._twist.copy()
+        velocities[:, ~here] = 0.0
+        velocities[0, floor.stopped_by_walls(known, velocities[0], TURN)] = 0.0
+        return velocities
+
+    def result(self) -> dict[str, Any]:
+        """Return the score, to be written as JSON."""
+        delivered = self.floor.delivered
+        return {
+            "policy": self.team.settings["policy"],
+            "seconds": self._turn * TURN,
+            "delivered": int(delivered.sum()),
+            "delivered_of_robot": delivered.tolist(),
+            "deliveries": self.deliveries,
+            "closest": None if self.robots == 1 else float(self.closest),
+        }
+
+    def _decide(self, known: Floats, lost: NDArray[np.bool_]) -> None:
+        team, floor = self.team.driven, self.floor
+        time = self._turn * TURN
+        if self._turn:
+            before = floor.delivered.sum()
+            floor.act(known, np.where(lost, np.int8(0), team.gripper))
+            if floor.delivered.sum() > before:
+                self.deliveries.append((time, int(floor.delivered.sum())))
+        team.decide(floor.readings(known, time), lost, anew=self._turn == 0)
+        floor.begin()
+
+    def _keep_closest(self, pose: Floats) -> None:
+        if len(pose) > 1:
+            apart = pose[:, None, :2] - pose[:, :2]
+            pairs = np.triu_indices(len(pose), 1)
+            self.closest = min(self.closest, float(np.hypot(apart[..., 0], apart[..., 1])[pairs].min()))
