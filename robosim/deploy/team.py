@@ -85,7 +85,7 @@ class RealTeam:
     @property
     def pose(self) -> Floats:
         """[robots, 3] where the robots were seen last, on the map."""
-        return self._state.pose[0]
+        return np.asarray(self._state.pose[0])
 
     def on_map(self, pose: Floats) -> Bools:
         """Return which of the poses [robots, 3] are finite and on the map, [robots]."""

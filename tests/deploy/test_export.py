@@ -188,7 +188,7 @@ def test_a_run_folder_is_exported_under_its_own_name(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["paper-2"], "nothing to export to: give --onnx FILE.onnx."),
+        (["paper-2"], "nothing to export to: give --onnx FILE.onnx or --robotarium FOLDER."),
         (
             ["paper-2", "--onnx", "team.bin"],
             "team.bin: cannot be written: the name of the file must end in .onnx.",

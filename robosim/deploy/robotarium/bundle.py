@@ -72,7 +72,7 @@ def _imports(tree: ast.AST, *, runs: bool) -> Iterator[tuple[ast.Import | ast.Im
 
 
 def _rewritten(node: ast.Import | ast.ImportFrom, module: str) -> Iterator[tuple[str, str]]:
-    """Yield the statements that take the place of an import, and which module of robosim each is of, if any."""
+    """Yield the statements that take the place of an import, and the module of robosim that each is of."""
     if isinstance(node, ast.Import):
         for alias in node.names:
             _require_known(alias.name, module)

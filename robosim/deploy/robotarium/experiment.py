@@ -1,8 +1,8 @@
 """An exported team at work on the laboratory's floor: from its poses to its velocities, turn by turn.
 
-The policy decides once in a decision period, and its driver gives wheel speeds once in a control period, as in
-training. The laboratory takes velocities once in a turn of 0.033 s: both periods are whole numbers of turns (9
-and 3 with those of robosim's arenas, 0.297 and 0.099 s), and velocities are held in between.
+The policy decides once in a decision period, and its driver gives wheel speeds once in a control period, as
+in training. The laboratory takes velocities once in a turn of 0.033 s: both periods are whole numbers of
+turns (9 and 3 with those of robosim's arenas, 0.297 and 0.099 s), and velocities are held in between.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from robosim.arena.distance import DistanceField
 from robosim.arena.model import Arena, PelletSheet, Timing
-from robosim.control.network import NetworkSpec, Networks
-from robosim.deploy.robotarium.floor import VirtualFloor
+from robosim.control.network import Networks, NetworkSpec
+from robosim.deploy.robotarium.floor import VirtualFloor, checked_distances
 from robosim.deploy.team import RealTeam
 from robosim.discretise.observation import MoveGains, ObservationLayout
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import RewardConfig
-from robosim.robot.kinematics import body_twist
+from robosim.robot.kinematics import body_twist, wheel_speeds_for
 from robosim.robot.sheet import RobotSheet
 
 Floats = NDArray[np.float64]
@@ -30,8 +30,10 @@ Floats = NDArray[np.float64]
 SETTINGS, ARRAYS = "team.json", "team.npz"
 TURN = 0.033
 """Time between two commands, s."""
+CROWDED = 0.3
+"""Robots further apart than this need no barrier certificates, whose solver is coarse, m."""
 _WITHIN = 1.0 - 1e-9
-"""Top speeds less than the limit by rounding, or every turn counts as one beyond it."""
+"""So far below the limit, or rounding takes wheels beyond it, which the laboratory counts."""
 
 
 class Team:
@@ -102,7 +104,9 @@ class Experiment:
         """Where the corner of the map lies on the floor, m, and how it is turned."""
         self.floor = VirtualFloor(arena, self.robots, settings["seed"], self.apart)
         self.closest = np.inf
-        """Least distance of two centres so far, m."""
+        """Least distance of two robots so far, as the laboratory checks it, m."""
+        self.crowded = False
+        """Whether two robots are within `CROWDED` in this turn."""
         self.deliveries: list[tuple[float, int]] = []
         """Time, s, and number of pellets so far, of each decision that brought some."""
         self._control_turns = round(arena.timing.control_period / TURN)
@@ -123,18 +127,32 @@ class Experiment:
         team.place(pose, here)
         # A robot that is lost stands still, and for the others it is where it was seen last.
         known = team.pose
-        self._keep_closest(pose[here])
+        closest = float(checked_distances(pose[here]).min(initial=np.inf))
+        self.closest = min(self.closest, closest)
+        self.crowded = closest < CROWDED
         floor.look(known)
         if self._turn % self._decision_turns == 0:
             self._decide(known, ~here)
         if self._turn % self._control_turns == 0:
-            speed, rate = body_twist(self.team.arena.robot, team.wheel_speeds(~here) * _WITHIN)
+            speed, rate = body_twist(self.team.arena.robot, team.wheel_speeds(~here))
             self._twist = np.stack([speed, rate])
         self._turn += 1
         velocities = self._twist.copy()
         velocities[:, ~here] = 0.0
-        velocities[0, floor.stopped_by_walls(known, velocities[0], TURN)] = 0.0
         return velocities
+
+    def limited(self, velocities: Floats) -> Floats:
+        """Return this turn's `velocities`, which others may have changed, as walls and wheels allow them.
+
+        Whoever would drive into a wall turns on the spot. Beyond the wheels' limits both numbers are scaled:
+        robots then move in the same direction, and what barrier certificates allow stays allowed.
+        """
+        sheet = self.team.arena.robot
+        speed, rate = velocities
+        speed = np.where(self.floor.stopped_by_walls(self.team.driven.pose, speed, TURN), 0.0, speed)
+        fastest = np.abs(wheel_speeds_for(sheet, speed, rate)).max(axis=1)
+        limit = sheet.max_wheel_speed * _WITHIN
+        return np.asarray(np.stack([speed, rate]) * (limit / np.maximum(fastest, limit)))
 
     def result(self) -> dict[str, Any]:
         """Return the score, to be written as JSON."""
@@ -158,9 +176,3 @@ class Experiment:
                 self.deliveries.append((time, int(floor.delivered.sum())))
         team.decide(floor.readings(known, time), lost, anew=self._turn == 0)
         floor.begin()
-
-    def _keep_closest(self, pose: Floats) -> None:
-        if len(pose) > 1:
-            apart = pose[:, None, :2] - pose[:, :2]
-            pairs = np.triu_indices(len(pose), 1)
-            self.closest = min(self.closest, float(np.hypot(apart[..., 0], apart[..., 1])[pairs].min()))

@@ -1,4 +1,4 @@
-"""Write a policy as a folder of flat files for the Robotarium: https://www.robotarium.gatech.edu (Wilson 2020).
+"""Write a policy as a folder of flat files for the Robotarium (Wilson 2020), www.robotarium.gatech.edu.
 
 The code in it is robosim's own, flattened (`bundle`), not written anew: so what decides there is what decided
 in training. All that is derived from the arena (distances, places of pellets) is stored with it.
@@ -76,7 +76,7 @@ def robotarium_files(
         "show_figure": True,
         "sim_in_real_time": True,
         "origin": origin.tolist(),
-        "starts": (_starts(arena, card.robots, seed) + [*origin, 0.0]).tolist(),
+        "starts": _on_floor(_starts(arena, card.robots, seed), origin).tolist(),
         "arena": _arena_table(arena),
         "layout": asdict(card.env.layout),
         "pheromone": card.env.pheromone.model_dump(),
@@ -142,6 +142,11 @@ def _origin(arena: Arena) -> Floats:
     return np.asarray(-0.5 * (low + high))
 
 
+def _on_floor(pose: Floats, origin: Floats) -> Floats:
+    """Return poses [robots, 3] on the map as the laboratory counts them."""
+    return np.asarray(pose + np.append(origin, 0.0))
+
+
 def _starts(arena: Arena, robots: int, seed: int) -> Floats:
     """Return poses [robots, 3] on the map at which the arena lets robots begin.
 
@@ -184,18 +189,16 @@ def _arena_table(arena: Arena) -> dict[str, Any]:
 
 def _arena_arrays(arena: Arena) -> dict[str, NDArray[Any]]:
     distances = arena.distances
-    return {
-        "zones": arena.zones,
-        "walls": arena.walls,
-        "pellet_places": arena.pellet_places,
-    } | {
+    arrays: dict[str, NDArray[Any]] = {
         f"distances.{field.name}": getattr(distances, field.name)
         for field in fields(distances)
         if isinstance(getattr(distances, field.name), np.ndarray)
     }
+    return arrays | {"zones": arena.zones, "walls": arena.walls, "pellet_places": arena.pellet_places}
 
 
 def _packed(arrays: dict[str, NDArray[Any]]) -> bytes:
     packed = io.BytesIO()
-    np.savez_compressed(packed, allow_pickle=False, **arrays)
+    # In an order of their own: files of weights have none.
+    np.savez_compressed(packed, **{name: arrays[name] for name in sorted(arrays)})
     return packed.getvalue()

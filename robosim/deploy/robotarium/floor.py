@@ -1,4 +1,4 @@
-"""What the laboratory does not have: pellets, grippers, walls and touches, worked out from the robots' poses."""
+"""What the laboratory lacks: pellets, grippers, walls and touches, worked out from the robots' poses."""
 
 from __future__ import annotations
 
@@ -7,35 +7,40 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
 from robosim.deploy.readings import Readings
-from robosim.world.state import ABSENT, HELD, LOOSE, ContactKind, Gripper
+from robosim.world.contacts import ContactKind
+from robosim.world.state import ABSENT, HELD, LOOSE, Gripper
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+AHEAD = 0.025
+"""The laboratory checks distances between points so far ahead of where robots' poses are, m."""
 NEAR = 0.005
 """Gap at which bodies count as touching, m."""
+NEAR_APART = 0.015
+"""The same for robots that barrier certificates keep apart, which slow them down before, m."""
 GAP = 1e-3
 """Kept around a fresh pellet, m."""
 NOBODY = -1
 
 
 class VirtualFloor:
-    """Pellets that are points of light: taken, carried, let go of, delivered and replaced as in the simulator.
+    """Pellets of light: taken, carried, let go of, delivered and replaced as in the simulator.
 
     They are drawn, not pushed: robots drive over them. What happens in a decision happens in the order of
     `robosim.world.physics`.
     """
 
     def __init__(self, arena: Arena, robots: int, seed: int, apart: float = 0.0) -> None:
-        """Lay the pellets; robots whose centres are `apart` (m), or nearer, count as touching."""
+        """Lay the pellets; robots that are kept `apart` (m) count as touching where they come no nearer."""
         self._arena = arena
         self._rng = np.random.default_rng(seed)
         sheet, self._pellet_radius = arena.robot, arena.pellets.radius
         self._radius = sheet.outer_radius
         self._nose = 0.5 * sheet.length
         self._reach = self._pellet_radius + sheet.gripper_reach
-        self._body = max(0.5 * apart, self._radius)
+        self._apart = apart + NEAR_APART if apart else 0.0
         self._home = (arena.zones == Zone.HOME).ravel()
         self._free = (arena.zones != Zone.WALL).ravel()
         count = arena.pellets.count
@@ -126,12 +131,12 @@ class VirtualFloor:
         laden = np.flatnonzero(self.held != NOBODY)
         places = np.concatenate([pose[:, :2], self.pellets[self.held[laden]]])
         owner = np.concatenate([np.arange(len(pose)), laden])
-        radius = np.repeat([self._body, self._pellet_radius], [len(pose), len(laden)])
+        radius = np.repeat([self._radius, self._pellet_radius], [len(pose), len(laden)])
         near = _apart(places, places) <= radius[:, None] + radius + NEAR
         near &= owner[:, None] != owner
         touching = np.zeros(len(pose), np.bool_)
         touching[owner[near.any(axis=1)]] = True
-        return touching
+        return touching | (checked_distances(pose) <= self._apart).any(axis=1)
 
     def _drop(self, pose: Floats, opened: Bools) -> None:
         robots = np.flatnonzero(opened)
@@ -162,6 +167,18 @@ class VirtualFloor:
     def _cell(self, places: Floats) -> Integers:
         cells = (places * (1.0 / self._arena.cell_size)).astype(np.int64)
         return np.asarray(cells[:, 1] * self._arena.columns + cells[:, 0])
+
+
+def checked_distances(pose: Floats) -> Floats:
+    """Return the distances [robots, robots] that the laboratory checks at poses [robots, 3], m.
+
+    Those of robots from themselves are infinite.
+    """
+    heading = pose[:, 2]
+    points = pose[:, :2] + AHEAD * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    apart = _apart(points, points)
+    np.fill_diagonal(apart, np.inf)
+    return apart
 
 
 def _apart(some: Floats, others: Floats) -> Floats:

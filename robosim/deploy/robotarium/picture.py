@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robosim.arena.model import Zone
 from robosim.deploy.robotarium.experiment import Experiment
@@ -55,8 +56,8 @@ class Picture:
         self._held.set_offsets(place[floor.status == HELD])
         self._score.set_text(f"{floor.delivered.sum()} pellets")
 
-    def _occupancy(self) -> np.ndarray[Any, Any]:
+    def _occupancy(self) -> NDArray[np.float64]:
         """Return the marks as shares of saturation, [rows, columns]."""
         team = self._experiment.team
         pheromone = team.settings["pheromone"]
-        return team.driven.occupancy * (pheromone["decay"] / pheromone["reinforcement"])
+        return np.asarray(team.driven.occupancy * (pheromone["decay"] / pheromone["reinforcement"]))

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 _Method = TypeVar("_Method")
 
-Many = tuple
+Many = tuple[Any, ...]
 Self = Any
 """Python 3.10, which the laboratory's list of packages is made for, has none in `typing`."""
 _MISSING = object()
