@@ -7,12 +7,11 @@ import hashlib
 import os
 import re
 import stat
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
-from robosim.errors import InputError, shown
+from robosim.errors import InputError
 
 _STRAY = re.compile(r"\.(?P<name>.+)\.\d+(-\d+)?\.(part|probe)")
 """`.NAME.PROCESS.part`, as `whole_file` calls what it writes; some put a time behind the process."""
@@ -51,30 +50,6 @@ def write_whole(path: str | Path, data: bytes | str, durable: bool = False) -> N
     """Write a file whole or not at all; errors and `durable` as in `whole_file`."""
     with whole_file(path, durable) as part:
         part.write_bytes(data.encode() if isinstance(data, str) else data)
-
-
-def write_folder(folder: str | Path, files: Mapping[str, bytes]) -> None:
-    """Write a folder of `files`, by their names, whole or not at all.
-
-    InputError if it cannot be written, or if anything is there but an empty folder, which is replaced.
-    """
-    target = Path(folder)
-    try:
-        if target.exists() and not target.is_dir():
-            raise InputError(f"{folder}: cannot be written: this is a file; give the name of a folder.")
-        if target.is_dir() and (there := min((path.name for path in target.iterdir()), default="")):
-            raise InputError(f"{folder}: cannot be written: the folder holds {shown(there)} already.")
-        place = Path(os.path.realpath(target))
-        place.parent.mkdir(parents=True, exist_ok=True)
-        # Beside the target, since a rename is atomic within one file system only.
-        with tempfile.TemporaryDirectory(prefix=f".{place.name}-", dir=place.parent) as scratch:
-            fresh = Path(scratch) / "new"
-            fresh.mkdir()
-            for name, data in files.items():
-                (fresh / name).write_bytes(data)
-            fresh.replace(place)
-    except OSError as error:
-        raise _cannot_be_written(folder, error) from None
 
 
 def append_line(path: str | Path, line: str) -> None:

@@ -77,10 +77,12 @@ class Export:
         print(f"{path}: {len(model) / 1e6:.2f} MB\nonnxruntime and robosim: {found}")
 
     def _write_robotarium(self, folder: Path, name: str, path: Path) -> None:
+        from robosim.analysis.report.folder import whole_folder
         from robosim.deploy.robotarium.export import robotarium_files
-        from robosim.files import write_folder
 
         files = robotarium_files(folder, name, seconds=self.seconds, apart=self.barrier, seed=self.seed)
-        write_folder(path, files)
+        with whole_folder(path, "script") as part:
+            for file, data in files.items():
+                (part / file).write_bytes(data)
         size = sum(map(len, files.values()))
         print(f"{path}: {len(files)} files, {size / 1e6:.2f} MB; main.py is the one to run")

@@ -23,7 +23,6 @@ from robosim.deploy.robotarium.experiment import TURN, Experiment
 from robosim.deploy.robotarium.export import LEAST_APART, robotarium_files
 from robosim.deploy.robotarium.floor import AHEAD, NEAR, VirtualFloor, checked_distances
 from robosim.envs.vector import VectorEnv
-from robosim.files import write_folder
 from robosim.robot.kinematics import wheel_speeds_for
 from robosim.world.state import ABSENT, HELD, LOOSE, ContactKind, Gripper
 from tests.deploy.made import TRAINING, random_weights
@@ -32,7 +31,9 @@ STEM = "robosim_deploy_robotarium_"
 
 
 def exported(folder, policy="robotarium-4", **options):
-    write_folder(folder, robotarium_files(find_policy(policy), **options))
+    folder.mkdir()
+    for name, data in robotarium_files(find_policy(policy), **options).items():
+        (folder / name).write_bytes(data)
     return folder
 
 
@@ -469,7 +470,7 @@ def test_the_command_writes_a_folder_once(tmp_path, capsys):
     assert (settings["seconds"], settings["apart"]) == (60.0, 0.15)
     assert main(command) == 2
     assert capsys.readouterr().err == (
-        f'robosim: {folder}: cannot be written: the folder holds "main.py" already.\n'
+        f"robosim: {folder}: this folder is not empty; a script needs a new one.\n"
     )
     assert {path.name for path in folder.iterdir()} == names
     assert list(tmp_path.iterdir()) == [folder]

@@ -1,4 +1,4 @@
-"""The folder of a report, written whole or not at all."""
+"""A folder, of a report for one, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ def require_folder(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def whole_folder(folder: Path) -> Iterator[Path]:
+def whole_folder(folder: Path, what: str = "report") -> Iterator[Path]:
     """Give a hidden folder to write to; what is in it gets its place when the block ends well.
 
     A new `folder` appears by one rename. One that is there, and empty, stays: it may be mounted, or the one a
-    person stands in. InputError if it cannot be written, or is not empty; nothing is left behind then.
+    person stands in. InputError, about `what` it is to hold, if it cannot be written or is not empty; nothing is
+    left behind then.
     """
     try:
         target = folder.resolve()
-        is_new = _is_new(folder, target)
+        is_new = _is_new(folder, target, what)
         part = (target.parent if is_new else target) / f".{target.name}.{os.getpid()}.part"
         made = [above for above in part.parents if not above.exists()]
         try:
@@ -44,20 +45,21 @@ def whole_folder(folder: Path) -> Iterator[Path]:
                     above.rmdir()
             raise
     except OSError as error:
-        raise InputError(f"{folder}: the report cannot be written: {error.strerror or error}.") from None
+        reason = error.strerror or error
+        raise InputError(f"{folder}: the {what} cannot be written: {reason}.") from None
 
 
 class _NotNowError(Exception):
     """Ends the writing of a report before it begins."""
 
 
-def _is_new(folder: Path, target: Path) -> bool:
+def _is_new(folder: Path, target: Path, what: str) -> bool:
     if not target.exists():
         return True
     if not target.is_dir():
-        raise InputError(f"{folder}: this is a file; a report needs a folder.")
+        raise InputError(f"{folder}: this is a file; a {what} needs a folder.")
     if any(target.iterdir()):
-        raise InputError(f"{folder}: this folder is not empty; a report needs a new one.")
+        raise InputError(f"{folder}: this folder is not empty; a {what} needs a new one.")
     return False
 
 
