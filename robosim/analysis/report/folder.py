@@ -26,8 +26,8 @@ def whole_folder(folder: Path, what: str = "report") -> Iterator[Path]:
     """Give a hidden folder to write to; what is in it gets its place when the block ends well.
 
     A new `folder` appears by one rename. One that is there, and empty, stays: it may be mounted, or the one a
-    person stands in. InputError, about `what` it is to hold, if it cannot be written or is not empty; nothing is
-    left behind then.
+    person stands in. InputError, about `what` it is to hold, if it cannot be written or is not empty; nothing
+    is left behind then.
     """
     try:
         target = folder.resolve()
