@@ -12,7 +12,7 @@ from robosim.arena import Arena, load_arena
 from robosim.discretise.observation import Encoding, ObservationLayout
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import RewardConfig
-from robosim.envs.profile import ProfileConfig, load_profile
+from robosim.envs.profile import CHANGED, ProfileConfig, load_profile
 from robosim.errors import refused
 from robosim.records import Record
 from robosim.robot.drivers import ActionKind
@@ -113,5 +113,5 @@ def with_profile(options: Mapping[str, Any]) -> dict[str, Any]:
         raise refused("profile", given, "a profile, or the name, the path or the text of one")
     fields = ProfileConfig.options().keys() - {"name", "description"}
     if profile.name and any(options.get(name) is not None for name in fields):
-        profile = profile.changed(name=f"{profile.name[:50]}, changed")
+        profile = profile.changed(name=f"{profile.name[:50]}{CHANGED}")
     return {**options, "profile": profile}

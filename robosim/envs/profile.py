@@ -21,6 +21,9 @@ from robosim.world.motion import MotionConfig
 LONGEST_PROFILE = 100_000
 """Bytes of a profile's file."""
 
+CHANGED = ", changed"
+"""Behind the name of a profile of which options have changed fields."""
+
 
 class ProfileConfig(Record):
     """What episodes draw at random, and what robots perceive wrongly; by default nothing."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -18,6 +18,7 @@ from robosim.arena import Arena, load_arena
 from robosim.control.card import Evaluation
 from robosim.control.policy import RUN_RECORD, check_run
 from robosim.envs.config import MOST_STEPS, EnvConfig
+from robosim.envs.profile import CHANGED, ProfileConfig, load_profile
 from robosim.errors import InputError, shown, whole_number
 from robosim.experiments.jobs import CONFIG_FILE as JOB_FILE
 from robosim.experiments.jobs import WORK_FOLDER
@@ -43,6 +44,7 @@ _NAMES: Mapping[str, Mapping[tuple[str, ...], str]] = {
 }
 """Short names of options by their paths in a table, where they are not the path itself."""
 _OF_TASK = {"world", "arena", "robots"}
+_UNNAMED = "a profile without a name"
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -55,11 +57,14 @@ class Task:
     episode_steps: int
     """Decisions in an episode."""
     robots: int
+    profile: str = ""
+    """Under which it was evaluated, by its name; empty for none."""
 
     def __str__(self) -> str:
         grid = " (grid world)" if self.world == "grid" else ""
         robots = f"{self.robots} robot" + ("s" if self.robots > 1 else "")
-        return f"{self.arena}{grid}, {robots}, episodes of {self.episode_steps} decisions"
+        under = f", under {self.profile}" if self.profile else ""
+        return f"{self.arena}{grid}, {robots}, episodes of {self.episode_steps} decisions{under}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +104,10 @@ class Run:
     """By short name, what the system may differ in from others of its technique."""
     map: str = ""
     """The arena's text; empty where it is not known."""
+    profile: str = ""
+    """What the task's profile says, as JSON."""
+    learned_under: str = ""
+    """What the profile says under which it was trained, as JSON; empty for none, and where options say it."""
     machine: Mapping[str, str] = field(default_factory=dict)
     """Where it ran; empty where it is not known."""
     system: str = ""
@@ -115,11 +124,13 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
 
     A path is a run folder, a folder with run folders below it, a file of results, or a file that
     `robosim evaluate --json` wrote. A run that is found twice counts once. InputError for a path without
-    runs, a run without an evaluation, two different runs of one system, task and seed, and two arenas of one
-    name.
+    runs, a run without an evaluation, two different runs of one system, task and seed, and two arenas, or two
+    profiles, of one name.
     """
     runs = name_systems([run for path in paths for run in _runs_in(path)])
-    _require_same_arenas(runs)
+    _require_same("arenas", runs, lambda run: (run.task.arena, run.map))
+    _require_same("profiles", runs, lambda run: (run.task.profile, run.profile))
+    _require_same("profiles", runs, lambda run: (str(run.options.get("profile")), run.learned_under))
     found: dict[tuple[str, Task, int], Run] = {}
     for run in runs:
         same = found.setdefault((run.system, run.task, run.seed), run)
@@ -150,13 +161,15 @@ def name_systems(runs: Sequence[Run]) -> list[Run]:
     return [replace(run, system=_system(run, differing[run.technique])) for run in runs]
 
 
-def _require_same_arenas(runs: Sequence[Run]) -> None:
+def _require_same(what: str, runs: Sequence[Run], named: Callable[[Run], tuple[str, str]]) -> None:
+    """Raise InputError where a name is that of two texts; `named` returns a run's name and text."""
     known: dict[str, Run] = {}
     for run in runs:
-        if run.map and known.setdefault(run.task.arena, run).map != run.map:
+        name, text = named(run)
+        if text and named(known.setdefault(name, run))[1] != text:
             raise InputError(
-                f"{known[run.task.arena].source} and {run.source} have two different arenas named "
-                f"{shown(run.task.arena)}: they cannot be compared."
+                f"{known[name].source} and {run.source} have two different {what} named "
+                f"{shown(name)}: they cannot be compared."
             )
 
 
@@ -265,8 +278,11 @@ def _evaluated(evaluation: Evaluation, source: str, **fields: Any) -> Run:
         PELLETS: tuple(map(float, evaluation.totals)),
         TOUCHES: tuple(map(float, evaluation.collisions)),
     }
-    task = Task(evaluation.arena, evaluation.world, evaluation.episode_steps, evaluation.robots)
-    return Run(source=source, task=task, figures=figures, delivered=evaluation.delivered, **fields)
+    profile, text = _effective(evaluation.profile)
+    task = Task(evaluation.arena, evaluation.world, evaluation.episode_steps, evaluation.robots, profile)
+    return Run(
+        source=source, task=task, figures=figures, delivered=evaluation.delivered, profile=text, **fields
+    )
 
 
 def _read_result(result: Result, source: str) -> Run:
@@ -277,6 +293,8 @@ def _read_result(result: Result, source: str) -> Run:
     steps = whole_number(
         f"{source}: evaluation.steps", measuring.get("steps") or arena.timing.episode_steps, 1, MOST_STEPS
     )
+    given = measuring.get("profile")
+    profile, text = _effective(None if given is None else load_profile(str(given)))
     series, curve = result.series, None
     if series.get("learned"):
         if len(series["learned"]) != len(series.get("learned_pellets", ())):
@@ -292,15 +310,26 @@ def _read_result(result: Result, source: str) -> Run:
         fields["options"] = {"actions": env.actions}
     return Run(
         source=source,
-        task=Task(arena.name, env.world, steps, env.robots),
+        task=Task(arena.name, env.world, steps, env.robots, profile),
         figures=result.figures,
         delivered=tuple(map(tuple, pellets)),
         by_then=series.get("pellets_by_then", ()),
         curve=curve,
         map=arena.text,
+        profile=text,
         machine=result.machine,
         **fields,
     )
+
+
+def _effective(profile: ProfileConfig | None) -> tuple[str, str]:
+    """Return the name of a profile and what it says, as JSON; nothing where it changes nothing."""
+    if profile is None:
+        return "", ""
+    plain = profile.changed(name="", description="")
+    if plain == ProfileConfig():
+        return "", ""
+    return profile.name or _UNNAMED, plain.model_dump_json()
 
 
 @cache
@@ -315,13 +344,39 @@ def _described(config: Mapping[str, Any], place: str) -> dict[str, Any]:
     if not isinstance(technique, str) or isinstance(seed, bool) or not isinstance(seed, int):
         raise InputError(f"{place}: run.technique and run.seed must be there, a text and a whole number.")
     options: dict[str, Any] = {}
+    learned_under = ""
     for group in _GROUPS:
         if group in config:
             table = _table(config, group, place)
+            if group == "env":
+                profile, learned_under, changed = _learned_under(table.get("profile"), place)
+                # Said by all runs, or one without would not be told from those with one.
+                table = {**table, "profile": changed}
+                options |= {"profile": profile} if "algorithm" in config else {}
             names = _NAMES.get(group, {})
             options |= {names.get(path, ".".join(path)): value for path, value in _leaves(table)}
     options = {name: value for name, value in options.items() if name not in _OF_TASK}
-    return {"technique": technique or str(options.get("algorithm")), "seed": seed, "options": options}
+    return {
+        "technique": technique or str(options.get("algorithm")),
+        "seed": seed,
+        "options": options,
+        "learned_under": learned_under,
+    }
+
+
+def _learned_under(given: object, place: str) -> tuple[str, str, dict[str, Any]]:
+    """Return name and text of the profile in a configuration, and the fields that tell it from others.
+
+    A name says all, and then there are no such fields; but not where there is none, or where options have
+    changed the profile, and then the text is empty.
+    """
+    if not isinstance(given, Mapping):
+        return "none", "", {}
+    profile = ProfileConfig.from_table(given, f"{place}: env.profile")
+    name, text = _effective(profile)
+    if not text or (profile.name and not profile.name.endswith(CHANGED)):
+        return name or "none", text, {}
+    return name, "", {key: value for key, value in given.items() if key not in ("name", "description")}
 
 
 def _leaves(table: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:

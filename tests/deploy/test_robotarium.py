@@ -19,8 +19,8 @@ from robosim.control.network import NetworkSpec
 from robosim.control.policy import find_policy, load_policy, save_policy
 from robosim.deploy import Controller, Readings
 from robosim.deploy.robotarium.bundle import flat_files
-from robosim.deploy.robotarium.experiment import TURN, Experiment
-from robosim.deploy.robotarium.export import LEAST_APART, robotarium_files
+from robosim.deploy.robotarium.experiment import LEAST_APART, TURN, Experiment
+from robosim.deploy.robotarium.export import robotarium_files
 from robosim.deploy.robotarium.floor import AHEAD, NEAR, VirtualFloor, checked_distances
 from robosim.envs.vector import VectorEnv
 from robosim.robot.kinematics import wheel_speeds_for
@@ -272,35 +272,70 @@ def test_touches_are_those_of_the_bodies_and_stay_until_the_next_decision(apart)
         assert readings.laden.tolist() == [True, False, False, False]
 
 
-def test_velocities_keep_to_walls_and_wheels(tmp_path):
+def moved(poses, velocities):
+    """Poses [3, robots] of perfect unicycles a turn later."""
+    speed, rate = velocities
+    return poses + TURN * np.stack([speed * np.cos(poses[2]), speed * np.sin(poses[2]), rate])
+
+
+def test_velocities_keep_to_the_wheels_limits(tmp_path):
     experiment = Experiment(exported(tmp_path / "folder"))
     sheet = experiment.team.arena.robot
     rng = np.random.default_rng(4)
-    poses = experiment.starts.copy()
-    stopped = 0
-    for _ in range(300):
-        experiment.step(poses)
-        wild = np.stack([rng.uniform(-0.1, 0.4, 4), rng.uniform(-8.0, 8.0, 4)])
+    experiment.step(experiment.starts)
+    for _ in range(100):
+        wild = np.stack([rng.uniform(-0.4, 0.4, 4), rng.uniform(-8.0, 8.0, 4)])
         kept = experiment.limited(wild)
-        wheels = wheel_speeds_for(sheet, *kept)
-        assert (np.abs(wheels) <= sheet.max_wheel_speed).all()
-        free = kept[0] != 0.0
-        stopped += int((~free).sum())
+        assert (np.abs(wheel_speeds_for(sheet, *kept)) <= sheet.max_wheel_speed).all()
         # What is slowed moves in the same direction.
-        assert kept[1, free] * wild[0, free] == pytest.approx(wild[1, free] * kept[0, free])
-        poses[0] += TURN * kept[0] * np.cos(poses[2])
-        poses[1] += TURN * kept[0] * np.sin(poses[2])
-        poses[2] += TURN * kept[1]
-        floor = experiment.floor
-        clear = floor.clearance((poses.T - experiment.origin)[:, :2])
-        assert (clear >= sheet.outer_radius - 1e-9).all()
-    assert stopped > 10
+        assert kept[1] * wild[0] == pytest.approx(wild[1] * kept[0])
+        gentle = 0.2 * wild
+        assert_array_equal(experiment.limited(gentle), gentle)
+
+
+def test_nobody_drives_into_a_wall(tmp_path):
+    """Whoever turns at random, and drives on at top speed, comes to many."""
+    arena = load_arena("robotarium")
+    floor = VirtualFloor(arena, 4, seed=0)
+    rng = np.random.default_rng(4)
+    pose = np.column_stack([rng.uniform(0.3, 0.7, 4), rng.uniform(0.4, 2.0, 4), rng.uniform(-3, 3, 4)])
+    stopped = 0
+    for _ in range(400):
+        speed = np.full(4, 0.2)
+        at_wall = floor.stopped_by_walls(pose, speed, TURN)
+        stopped += int(at_wall.sum())
+        speed[at_wall] = 0.0
+        pose = moved(pose.T, np.stack([speed, rng.uniform(-3.0, 3.0, 4)])).T
+        assert (floor.clearance(pose[:, :2]) >= arena.robot.outer_radius - 1e-12).all()
+    assert stopped > 20
+    # Away from a wall, everybody may.
+    assert not floor.stopped_by_walls(np.array([[0.25, 1.0, 0.0]] * 4), np.full(4, 0.2), TURN).any()
+
+
+def test_robots_that_are_to_be_kept_apart_never_come_nearer_than_allowed(tmp_path):
+    """Whoever drives them: here they are all drawn to one place."""
+    experiment = Experiment(exported(tmp_path / "folder", apart=0.15))
+    loose = Experiment(exported(tmp_path / "loose"))
+    rng = np.random.default_rng(5)
+    poses = experiment.starts.copy()
+    free = poses.copy()
+    for _ in range(400):
+        velocities = []
+        for one, at in ((experiment, poses), (loose, free)):
+            toward = np.arctan2(-at[1], -1.2 - at[0]) - at[2]
+            wish = np.stack([np.full(4, 0.15), 3.0 * np.sin(toward) + rng.normal(size=4)])
+            one.step(at)
+            velocities.append(one.limited(wish))
+        poses, free = moved(poses, velocities[0]), moved(free, velocities[1])
+        assert checked_distances(poses.T).min() > LEAST_APART
+    assert checked_distances(poses.T).min() < 0.15
+    assert checked_distances(free.T).min() < LEAST_APART
 
 
 def test_a_robot_that_is_not_seen_stands_still_and_the_others_go_on(tmp_path):
     experiment = Experiment(exported(tmp_path / "folder"))
     poses = experiment.starts.copy()
-    moved = np.zeros(4)
+    driven = np.zeros(4)
     for turn in range(120):
         seen = poses.copy()
         if turn >= 20:
@@ -309,11 +344,9 @@ def test_a_robot_that_is_not_seen_stands_still_and_the_others_go_on(tmp_path):
         assert np.isfinite(velocities).all()
         if turn >= 20:
             assert (velocities[:, 1] == 0.0).all()
-        moved += np.abs(velocities).sum(axis=0)
-        poses += TURN * np.stack(
-            [velocities[0] * np.cos(poses[2]), velocities[0] * np.sin(poses[2]), velocities[1]]
-        )
-    assert (moved[[0, 2, 3]] > 1.0).all()
+        driven += np.abs(velocities).sum(axis=0)
+        poses = moved(poses, velocities)
+    assert (driven[[0, 2, 3]] > 1.0).all()
 
 
 STAND_IN = '''

@@ -3,6 +3,7 @@
 import numpy as np
 
 from robosim.control.card import Evaluation
+from robosim.envs.profile import load_profile
 from robosim.experiments.results import Result, append_result
 from robosim.learning.config import run_config
 from robosim.learning.folder import RunFolder
@@ -11,18 +12,22 @@ from robosim.learning.metrics import Metrics, write_metrics
 STEPS = 400
 
 
-def evaluation(pellets, robots=2, controller="runs/x", seed=0, world="grid"):
-    """Return the evaluation of a team that delivered `pellets` in each episode, the first robot most."""
+def evaluation(pellets, robots=2, controller="runs/x", seed=0, world="grid", under=None):
+    """Return the evaluation of a team that delivered `pellets` in each episode, the first robot most.
+
+    `under` is the profile, by what `load_profile` takes.
+    """
     delivered = [(total - total // 3, total // 3, *[0] * (robots - 2))[:robots] for total in pellets]
     if robots == 1:
         delivered = [(total,) for total in pellets]
     return Evaluation(
         controller=controller, arena="paper", world=world, robots=robots, seed=seed, episode_steps=300,
         delivered=tuple(delivered), collisions=tuple(7 for _ in pellets),
+        profile=None if under is None else load_profile(under),
     )  # fmt: skip
 
 
-def folder(path, technique, seed, pellets, robots=2, rate=0.01, **options):
+def folder(path, technique, seed, pellets, robots=2, rate=0.01, under=None, **options):
     """Write a finished run; its learning curve is `rate` pellets a decision from the first to the last."""
     config = run_config(technique, robots=robots, world="grid", seed=seed, steps=STEPS, **options)
     run = RunFolder(path)
@@ -36,15 +41,15 @@ def folder(path, technique, seed, pellets, robots=2, rate=0.01, **options):
         for step in range(100, STEPS + 1, 100)
     ]  # fmt: skip
     write_metrics(rows, run.metrics)
-    run.write_evaluation(evaluation(pellets, robots, str(path), seed))
+    run.write_evaluation(evaluation(pellets, robots, str(path), seed, under=under))
     run.policy.mkdir()
     run.finish(STEPS, 1.0)
     return path
 
 
-def result(path, technique, seed, pellets, robots=2, learned=True, **options):
+def result(path, technique, seed, pellets, robots=2, learned=True, under=None, **options):
     """Add a line to a sweep's results: a team that learned, or a scripted controller."""
-    measuring = {"episodes": len(pellets), "steps": 300}
+    measuring = {"episodes": len(pellets), "steps": 300} | ({} if under is None else {"profile": under})
     one = evaluation(pellets, robots)
     series = {
         "robot_pellets": [float(n) for episode in one.delivered for n in episode],

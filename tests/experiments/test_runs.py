@@ -145,6 +145,59 @@ def test_arenas_of_one_name_must_be_one(tmp_path):
     )
 
 
+SLIGHT = 'name = "slight"\n[sensing]\ndropout = 0.1\n'
+
+
+def test_runs_under_different_profiles_are_not_one_system_in_one_task(tmp_path):
+    """What teams learned under makes the system, what they were measured under the task."""
+    made.folder(tmp_path / "a", "iql+s", 0, [4])
+    made.folder(tmp_path / "b", "iql+s", 0, [5], profile="mocap")
+    made.folder(tmp_path / "c", "iql+s", 0, [6], profile="none", under="none")
+    made.folder(tmp_path / "d", "iql+s", 1, [7], under="mocap")
+    made.result(tmp_path / "sweep.jsonl", "iql+s", 1, [8], steps=made.STEPS, under=SLIGHT)
+    made.result(tmp_path / "sweep.jsonl", "lanes", 0, [9], learned=False, under="mocap")
+    (tmp_path / "lanes.json").write_text(made.evaluation([10], controller="lanes", seed=0).model_dump_json())
+    # With none, and with one that changes nothing, is the same: "c" contradicts "a" unless it is left out.
+    with pytest.raises(InputError, match="but with other results"):
+        read_runs([tmp_path / name for name in "abc"])
+    found = read_runs([tmp_path / name for name in ("a", "b", "d", "sweep.jsonl", "lanes.json")])
+    assert [(run.task.profile, run.system, run.seed, run.score("pellets")) for run in found] == [
+        ("", "iql+s profile=mocap", 0, 5.0),
+        ("", "iql+s profile=none", 0, 4.0),
+        ("", "lanes", 0, 10.0),
+        ("mocap", "iql+s profile=none", 1, 7.0),
+        ("mocap", "lanes", 0, 9.0),
+        ("slight", "iql+s profile=none", 1, 8.0),
+    ]
+    assert str(found[3].task) == f"{TASK}, under mocap"
+
+
+def test_profiles_of_one_name_must_be_one(tmp_path):
+    made.folder(tmp_path / "a", "iql+s", 0, [4], under=SLIGHT)
+    made.folder(tmp_path / "b", "iql+s", 1, [4], under=SLIGHT.replace("0.1", "0.2"))
+    with pytest.raises(InputError) as caught:
+        read_runs([tmp_path])
+    assert str(caught.value) == (
+        f'{tmp_path}/a and {tmp_path}/b have two different profiles named "slight": they cannot be compared.'
+    )
+
+
+def test_so_must_those_that_teams_learned_under(tmp_path):
+    for name, text in (("a", SLIGHT), ("b", SLIGHT.replace("0.1", "0.2"))):
+        made.folder(tmp_path / name, "iql+s", 0, [4], profile=text)
+    with pytest.raises(InputError, match='two different profiles named "slight"'):
+        read_runs([tmp_path])
+
+
+def test_sizes_of_one_noise_are_told_apart(tmp_path):
+    for name, dropout in (("a", 0.1), ("b", 0.2)):
+        made.folder(tmp_path / name, "iql+s", 0, [4], profile=SLIGHT, sensing_dropout=dropout)
+    assert [run.system for run in read_runs([tmp_path])] == [
+        "iql+s sensing_dropout=0.1",
+        "iql+s sensing_dropout=0.2",
+    ]
+
+
 def damage(path, how):
     if how == "no evaluation":
         (path / "evaluation.json").unlink()

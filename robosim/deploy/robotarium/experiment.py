@@ -30,6 +30,10 @@ Floats = NDArray[np.float64]
 SETTINGS, ARRAYS = "team.json", "team.npz"
 TURN = 0.033
 """Time between two commands, s."""
+LEAST_APART = 0.135
+"""Robots that come nearer, as the laboratory checks it, count as collided, m."""
+_SPARE = 0.003
+"""Kept beyond that, m."""
 CROWDED = 0.3
 """Robots further apart than this need no barrier certificates, whose solver is coarse, m."""
 _WITHIN = 1.0 - 1e-9
@@ -139,20 +143,38 @@ class Experiment:
         self._turn += 1
         velocities = self._twist.copy()
         velocities[:, ~here] = 0.0
+        # Whoever would drive into a wall turns on the spot. Barrier certificates come after, and may push
+        # robots into one: walls are but light.
+        velocities[0, floor.stopped_by_walls(known, velocities[0], TURN)] = 0.0
         return velocities
 
     def limited(self, velocities: Floats) -> Floats:
-        """Return this turn's `velocities`, which others may have changed, as walls and wheels allow them.
+        """Return this turn's `velocities`, which others may have changed, as they can be obeyed.
 
-        Whoever would drive into a wall turns on the spot. Beyond the wheels' limits both numbers are scaled:
-        robots then move in the same direction, and what barrier certificates allow stays allowed.
+        Beyond the wheels' limits both numbers are scaled: robots then move in the same direction. Where robots
+        are to be kept apart and two of them would come nearer than the laboratory allows, both stand still.
         """
         sheet = self.team.arena.robot
-        speed, rate = velocities
-        speed = np.where(self.floor.stopped_by_walls(self.team.driven.pose, speed, TURN), 0.0, speed)
-        fastest = np.abs(wheel_speeds_for(sheet, speed, rate)).max(axis=1)
+        fastest = np.abs(wheel_speeds_for(sheet, *velocities)).max(axis=1)
         limit = sheet.max_wheel_speed * _WITHIN
-        return np.asarray(np.stack([speed, rate]) * (limit / np.maximum(fastest, limit)))
+        slowed = velocities * (limit / np.maximum(fastest, limit))
+        return self._held_apart(slowed) if self.apart else slowed
+
+    def _held_apart(self, velocities: Floats) -> Floats:
+        """Stop pairs that would come too near, and whoever comes too near to a robot that was stopped so."""
+        pose = self.team.driven.pose
+        now = checked_distances(pose)
+        kept = velocities.copy()
+        for _ in range(self.robots):
+            speed, rate = kept
+            heading = pose[:, 2]
+            moved = np.stack([speed * np.cos(heading), speed * np.sin(heading), rate], axis=-1)
+            then = checked_distances(pose + TURN * moved)
+            too_near = ((then < LEAST_APART + _SPARE) & (then < now)).any(axis=1)
+            if not too_near.any():
+                break
+            kept[:, too_near] = 0.0
+        return kept
 
     def result(self) -> dict[str, Any]:
         """Return the score, to be written as JSON."""

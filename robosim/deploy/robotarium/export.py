@@ -22,7 +22,7 @@ from robosim.arena.model import Zone
 from robosim.control.card import PolicyCard
 from robosim.control.policy import WEIGHTS_FILE, read_policy
 from robosim.deploy.robotarium.bundle import flat_files
-from robosim.deploy.robotarium.experiment import ARRAYS, SETTINGS, TURN
+from robosim.deploy.robotarium.experiment import ARRAYS, LEAST_APART, SETTINGS, TURN
 from robosim.deploy.robotarium.floor import VirtualFloor
 from robosim.errors import InputError
 from robosim.robot.sheet import RobotSheet
@@ -34,8 +34,6 @@ LONGEST = 900.0
 """Time that an experiment may take, s."""
 FLOOR = (3.2, 2.0)
 """m."""
-LEAST_APART = 0.135
-"""Robots that come closer, centre to centre, count as collided, m."""
 MOST_APART = 0.3
 """Barrier certificates that keep robots further apart would fill the floor, m."""
 _START_CLEAR = 0.06
