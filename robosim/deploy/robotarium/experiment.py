@@ -151,7 +151,7 @@ class Experiment:
     def limited(self, velocities: Floats) -> Floats:
         """Return this turn's `velocities`, which others may have changed, as they can be obeyed.
 
-        Beyond the wheels' limits both numbers are scaled: robots then move in the same direction. Where robots
+        Beyond the wheels' limits both numbers are scaled: robots then move in the same direction. Where they
         are to be kept apart and two of them would come nearer than the laboratory allows, both stand still.
         """
         sheet = self.team.arena.robot
