@@ -1,13 +1,13 @@
-"""Let deployed controllers drive teams in both engines, with and without a profile, and compare what they bring.
+"""Let deployed controllers drive teams in both engines, with and without a profile, and compare them.
 
-    python tools/compare_engines.py                         # teams of paper and robotarium: measure, then the table
+    python tools/compare_engines.py                         # measure teams of paper and robotarium, print
     python tools/compare_engines.py paper-8 --seeds 0 1 2   # some teams only
-    python tools/compare_engines.py --known                 # only the table of what --out holds
+    python tools/compare_engines.py --known                 # print only what --out holds
 
-Every run is one episode, driven by `robosim.deploy.Controller` through readings and wheel speeds alone. Each is a
-line of --out as soon as it is over; stopped, the same command goes on. Seeds come one after the other, so
+Every run is one episode, driven by `robosim.deploy.Controller` through readings and wheel speeds alone. Each
+is a line of --out as soon as it is over; stopped, the same command goes on. Seeds come one after the other, so
 that all teams have as many. The table is in Markdown: pellets and touches in an episode, mean over seeds, with
-their standard deviation, and the share of the pellets that is kept.
+the standard deviation of the pellets, and the share of them that is kept.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import statistics
 import sys
 import time
 from collections.abc import Iterator
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -32,10 +33,10 @@ from robosim.deploy.simulated import ENGINES, EngineKind, make_stand_in
 from robosim.errors import InputError
 from robosim.files import whole_file
 from robosim.robot.drivers import STOP
+from robosim.world.draws import draw_episode
 
 ROOT = Path(__file__).resolve().parent.parent
 ARENAS = ("paper", "robotarium")
-MODEL = ROOT / "robosim/deploy/mujoco/model.py"
 
 
 def shipped_teams() -> list[str]:
@@ -44,18 +45,33 @@ def shipped_teams() -> list[str]:
     return sorted(names, key=lambda name: (load_policy(name).card.arena.name, load_policy(name).card.robots))
 
 
-def fingerprint(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+def fingerprint(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:12]
+
+
+@cache
+def weights(team: str) -> str:
+    return fingerprint((find_policy(team) / WEIGHTS_FILE).read_bytes())
+
+
+@cache
+def model(team: str) -> str:
+    """Return a fingerprint of the MuJoCo model of a team's arena, with one robot."""
+    from robosim.deploy.mujoco.model import model_text
+
+    arena = load_policy(team).card.arena
+    draws, _ = draw_episode(arena, 1, np.random.default_rng(0))
+    return fingerprint(model_text(arena, draws).encode())
 
 
 def about(team: str, engine: EngineKind, profile: str, seed: int, decisions: int) -> dict[str, Any]:
     """Return what a run depends on."""
     return {
         "team": team,
-        "weights": fingerprint(find_policy(team) / WEIGHTS_FILE),
+        "weights": weights(team),
         "engine": engine,
         "version": version(engine),
-        "model": fingerprint(MODEL) if engine == "mujoco" else "",
+        "model": model(team) if engine == "mujoco" else "",
         "profile": profile,
         "seed": seed,
         "decisions": decisions,
@@ -145,7 +161,9 @@ def table(records: Records, teams: list[str], options: argparse.Namespace) -> It
         touches = [f"{statistics.mean(runs[case][seed]['touches'] for seed in seeds):.0f}" for case in cases]
         shares = [_kept(pellets[0], pellets[1]), _kept(pellets[0], pellets[3])]
         shown = [_spread(one) for one in pellets]
-        yield _line([f"`{team}`", len(seeds), *shown[:2], shares[0], *shown[2:], shares[1], ", ".join(touches)])
+        yield _line(
+            [f"`{team}`", len(seeds), *shown[:2], shares[0], *shown[2:], shares[1], ", ".join(touches)]
+        )
 
 
 def _kept(before: list[int], after: list[int]) -> str:
@@ -153,7 +171,9 @@ def _kept(before: list[int], after: list[int]) -> str:
 
 
 def _spread(values: list[int]) -> str:
-    return f"{statistics.mean(values):.1f}" + (f" ({statistics.stdev(values):.1f})" if len(values) > 1 else "")
+    return f"{statistics.mean(values):.1f}" + (
+        f" ({statistics.stdev(values):.1f})" if len(values) > 1 else ""
+    )
 
 
 def _line(cells: list[Any]) -> str:
@@ -162,7 +182,9 @@ def _line(cells: list[Any]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("teams", nargs="*", help="policies; by default those that ship for the arenas compared")
+    parser.add_argument(
+        "teams", nargs="*", help="policies; by default those that ship for the arenas compared"
+    )
     parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES))
     parser.add_argument("--profile", default="robotarium", help="beside no profile at all")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])

@@ -7,6 +7,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "view": ("rerun",),
     "report": ("jinja2", "matplotlib", "PIL"),
     "deploy": ("onnx", "onnxruntime"),
+    "mujoco": ("mujoco",),
     "cluster": ("ray",),
 }
 """Modules that each extra of the package brings; pyarrow comes with `train` and with `report`."""

@@ -33,9 +33,7 @@ class SimulatedRobots:
     as in training; pheromones are read by the controller, so what a profile says of them does not count here.
     """
 
-    def __init__(
-        self, config: EnvConfig, seed: int, episode: int = 0, engine: EngineKind = "pymunk"
-    ) -> None:
+    def __init__(self, config: EnvConfig, seed: int, episode: int = 0, engine: EngineKind = "pymunk") -> None:
         """Begin the episode that a `VectorEnv` of one environment with this seed begins.
 
         InputError for more robots than the arena has room for, and for what the engine does not know.

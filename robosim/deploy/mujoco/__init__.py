@@ -1,4 +1,4 @@
-"""A second physics in MuJoCo, in three dimensions, as stand-in for reality; the only place that knows of it."""
+"""A second physics, in MuJoCo, as stand-in for reality; the only place that knows of MuJoCo."""
 
 from robosim.deploy.mujoco.world import MujocoWorld
 

@@ -16,7 +16,7 @@ from robosim.world.draws import Draws
 LONGEST_STEP = 0.0028
 """Of the solver, s: contacts are springs of a few milliseconds, which a step must resolve."""
 CONTACT_TIME = 0.008
-"""Time constant of contacts, s; MuJoCo wants at least two steps. Bodies sink into the ground by 0.1 mm."""
+"""Time constant of contacts, s; MuJoCo wants at least two steps."""
 CONTACT_IMPEDANCE = "0.95 0.99 0.0005"
 """Stiffer than MuJoCo's own 0.9 0.95 0.001, so that walls give way by less than 0.1 mm to a robot's push."""
 FRICTION_IMPEDANCE = 10.0
@@ -31,18 +31,18 @@ WHEEL_MASS = 0.01
 PAD_MASS = 0.005
 """Of what the gripper moves, as a share of the robot's."""
 CASTER_GAP = 5e-4
-"""Between the casters and the ground, m: the wheels carry a robot at rest, as the data sheet's traction says."""
+"""Between the casters and the ground, m: the wheels carry a robot at rest, as its traction says."""
 CASTER_PLACE = 0.8
 """Of the casters, ahead of and behind the axle, in half lengths."""
 STALL_TORQUE = 1.0
-"""Of a motor, in torques at which a wheel that carries half the robot slips: so a robot pushes with its traction at
-most, as on the data sheet, and its wheels need not spin for it."""
+"""Of a motor, in torques at which a wheel that carries half the robot slips: so a robot pushes with its traction
+at most, as on the data sheet, and its wheels need not spin for it."""
 MOTOR_LAG = 0.008
 """Time constant with which a motor brings its wheel to the commanded speed, s: a stiff speed controller."""
 ROTOR = 0.5
-"""Inertia of a motor as its wheel feels it through the gears, in that of half the robot at the wheel's rim. Without
-any, friction under a wheel that weighs next to nothing would be worked out from a torque that is not there any
-more when the step ends."""
+"""Inertia of a motor as its wheel feels it through the gears, in that of half the robot at the wheel's rim.
+Without any, friction under a wheel that weighs next to nothing would be worked out from a torque that is not there
+any more when the step ends."""
 PAD_SPEED = 0.02
 """Speed at which the gripper draws back a pellet that a knock has shifted, m/s; the same as in pymunk."""
 PAD_GAIN = 20.0
@@ -117,7 +117,14 @@ def model_text(arena: Arena, draws: Draws) -> str:
 def _add_ground(world: Element, arena: Arena) -> None:
     # Frictionless itself: MuJoCo takes the larger coefficient of two, so that of what rests on it counts.
     SubElement(
-        world, "geom", name="ground", type="plane", size="0 0 1", contype=str(GROUND), condim="1", friction="0 0 0"
+        world,
+        "geom",
+        name="ground",
+        type="plane",
+        size="0 0 1",
+        contype=str(GROUND),
+        condim="1",
+        friction="0 0 0",
     )
     height = 2.0 * _body_height(arena)
     for index, (x0, y0, x1, y1) in enumerate(arena.walls.tolist()):
@@ -196,16 +203,16 @@ def _add_robot(
             condim="1",
             friction="0 0 0",
         )
-    pad = SubElement(
-        body, "body", name=f"pad{robot}", pos=_numbers(nose, 0.0, pellet_centre(arena) - axle)
+    pad = SubElement(body, "body", name=f"pad{robot}", pos=_numbers(nose, 0.0, pellet_centre(arena) - axle))
+    SubElement(
+        pad, "inertial", pos="0 0 0", mass=repr(pad_mass), diaginertia=_numbers(*[1e-4 * pad_mass] * 3)
     )
-    SubElement(pad, "inertial", pos="0 0 0", mass=repr(pad_mass), diaginertia=_numbers(*[1e-4 * pad_mass] * 3))
     for axis, direction in (("x", "1 0 0"), ("y", "0 1 0")):
         SubElement(pad, "joint", name=f"pad{axis}{robot}", type="slide", axis=direction)
 
 
 def _add_outline(body: Element, arena: Arena, robot: int) -> None:
-    """Add the body's side: level with the pellets and round, so that it touches everything level, in one point."""
+    """Add the body's side: level with the pellets and round, so that it touches all things level, in a point."""
     sheet = arena.robot
     level = pellet_centre(arena) - sheet.wheel_radius
     half, side = 0.5 * sheet.length, 0.5 * sheet.width
@@ -258,9 +265,7 @@ def _add_pellet(
     world: Element, arena: Arena, pellet: int, place: list[float], mass: float, friction: float
 ) -> None:
     radius, half = arena.pellets.radius, pellet_centre(arena)
-    body = SubElement(
-        world, "body", name=f"pellet{pellet}", pos=_numbers(*place, half), sleep="allowed"
-    )
+    body = SubElement(world, "body", name=f"pellet{pellet}", pos=_numbers(*place, half), sleep="allowed")
     SubElement(body, "freejoint", name=f"pellet{pellet}")
     SubElement(
         body,

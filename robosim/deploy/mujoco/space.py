@@ -173,10 +173,12 @@ class MujocoSpace:
         """Return the list: body ids [n, 2], and impulse, 0, point x, y [n, 4]."""
         if not self._rows:
             return np.zeros((0, 2), dtype=np.uintp), np.zeros((0, 4))
-        return np.concatenate([ids for ids, _ in self._rows]), np.concatenate([rows for _, rows in self._rows])
+        return np.concatenate([ids for ids, _ in self._rows]), np.concatenate(
+            [rows for _, rows in self._rows]
+        )
 
     def grip(self, robot: int, pellet: int) -> tuple[float, float]:
-        """Weld a pellet to a robot's gripper and lift it off the ground; returns its place in the robot's frame, m."""
+        """Weld a pellet to a gripper and lift it off the ground; returns its place in the robot's frame, m."""
         model, data = self.model, self.data
         data.qpos[self._pad_place[robot]] = 0.0
         data.qvel[self._pad_speed[robot]] = 0.0

@@ -1,7 +1,7 @@
 """Experiments whose outcome follows from the data sheet, in either engine.
 
-Each puts robots of the default data sheet, or a pellet, on a wide floor, and measures by the state of the world
-alone.
+Each puts robots of the default data sheet, or a pellet, on a wide floor, and measures by the state of the
+world alone.
 """
 
 from __future__ import annotations
@@ -75,7 +75,9 @@ def driven(world: PhysicsWorld, left: float, right: float, periods: int) -> Iter
 
 def last(poses: Iterator[Floats]) -> Floats:
     """Return the first robot's pose [3] after the last control period."""
-    return list(poses)[-1][0]
+    *_, end = poses
+    first: Floats = end[0]
+    return first
 
 
 def straight_speed(engine: type[PhysicsWorld]) -> float:
@@ -127,23 +129,32 @@ def arc_radius(engine: type[PhysicsWorld]) -> float:
     return float(math.sqrt(fit[2] + (fit[0] ** 2 + fit[1] ** 2) / 4.0))
 
 
-def at_wall(engine: type[PhysicsWorld]) -> tuple[float, float]:
-    """Return force (N) and overlap (m) of a robot that drives against a wall for 3 s."""
+def press(world: PhysicsWorld, substeps: int) -> float:
+    """Return the force (N) of all contacts, the mean over so many substeps with the wheels as they are."""
+    bodies, total = world.spaces[0], 0.0
+    for _ in range(substeps):
+        bodies.forget_contacts()
+        bodies.drive_substep()
+        bodies.list_contacts()
+        total += float(np.hypot(*bodies.contacts()[1][:, :2].T).sum())
+    return total / substeps / world.arena.timing.substep
+
+
+def at_wall(engine: type[PhysicsWorld]) -> PhysicsWorld:
+    """Return a world in which a robot has driven against a wall for 3 s."""
     world = begun(engine, (EAST_WALL - 0.5 * SHEET.length - 0.03, 1.1, 0.0))
-    for _ in range(10):
-        world.step(np.array([[FORWARD]]), KEEP)
-    force = world.contacts.impulse.max() / world.arena.timing.substep
-    return float(force), float(world.state.pose[0, 0, 0] + 0.5 * SHEET.length - EAST_WALL)
+    last(driven(world, TOP, TOP, 30))
+    return world
 
 
 def wall_force(engine: type[PhysicsWorld]) -> float:
-    """Force of a robot that drives against a wall, N."""
-    return at_wall(engine)[0]
+    """Force of a robot that drives against a wall, N: the mean over 1 s."""
+    return press(at_wall(engine), 120)
 
 
 def wall_overlap(engine: type[PhysicsWorld]) -> float:
     """How far a robot has driven into a wall after 3 s, mm."""
-    return 1e3 * at_wall(engine)[1]
+    return float(1e3 * (at_wall(engine).state.pose[0, 0, 0] + 0.5 * SHEET.length - EAST_WALL))
 
 
 def sliding_distance(engine: type[PhysicsWorld]) -> float:
@@ -159,16 +170,12 @@ def pushing_force(engine: type[PhysicsWorld]) -> float:
     """With which a robot pushes a pellet ahead of it at top speed, N: the mean over 3 s."""
     world = begun(engine, (1.0, 1.1, 0.0))
     world.spaces[0].place(0, np.array([1.0 + 0.5 * SHEET.length + 0.021, 1.1]))
-    world.step(np.array([[FORWARD]]), KEEP)
-    impulses = []
-    for _ in range(10):
-        world.step(np.array([[FORWARD]]), KEEP)
-        impulses.append(world.contacts.impulse.sum() / world.arena.timing.control_steps)
-    return float(np.mean(impulses) / world.arena.timing.substep)
+    last(driven(world, TOP, TOP, 5))
+    return press(world, 360)
 
 
 def gripping_force(engine: type[PhysicsWorld]) -> float:
-    """With which a robot presses the pellet that it holds against a wall, N: the median until it is torn loose."""
+    """With which a robot presses the pellet that it holds against a wall, N: the median until it is torn."""
     reach = 0.5 * SHEET.length + 0.055
     world = begun(engine, (EAST_WALL - reach - 0.021, 1.1, 0.0))
     world.spaces[0].place(0, np.array([EAST_WALL - 0.021, 1.1]))

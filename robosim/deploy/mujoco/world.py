@@ -30,7 +30,9 @@ class MujocoWorld(PhysicsWorld):
         motion: MotionConfig = EXACT,
     ) -> None:
         if arena.pellets.cohesion > 0.0:
-            raise refused("pellets.cohesion", arena.pellets.cohesion, "0 in MuJoCo, which has no pull between pellets")
+            raise refused(
+                "pellets.cohesion", arena.pellets.cohesion, "0 in MuJoCo, which has no pull between pellets"
+            )
         super().__init__(arena, robots, num_envs, actions, pellet_gradient, motion)
 
     def meter_wheels(self) -> None:

@@ -54,9 +54,7 @@ class ContactLog:
         """Take in how long an environment's list of contacts is at the end of a control period."""
         self._lengths[env].append(length)
 
-    def read(
-        self, spaces: Sequence[Bodies], holder: Integers, times: Floats, timing: Timing
-    ) -> Contacts:
+    def read(self, spaces: Sequence[Bodies], holder: Integers, times: Floats, timing: Timing) -> Contacts:
         """Return the decision's contacts that concern a robot, in an order that does not depend on memory.
 
         Bodies that have parted again before the end of the control period are listed too, with
