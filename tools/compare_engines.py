@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from robosim.arena import load_arena
 from robosim.control.policy import WEIGHTS_FILE, find_policy, load_policy, policy_names
 from robosim.deploy.controller import Controller
 from robosim.deploy.simulated import ENGINES, EngineKind, make_stand_in
@@ -59,7 +60,7 @@ def model(team: str) -> str:
     """Return a fingerprint of the MuJoCo model of a team's arena, with one robot."""
     from robosim.deploy.mujoco.model import model_text
 
-    arena = load_policy(team).card.arena
+    arena = load_arena(load_policy(team).card.env.arena)
     draws, _ = draw_episode(arena, 1, np.random.default_rng(0))
     return fingerprint(model_text(arena, draws).encode())
 

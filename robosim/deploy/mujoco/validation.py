@@ -215,7 +215,7 @@ EXPERIMENTS = (
         sliding_distance, 0.05,
     ),
     Experiment(
-        "force that pushes a pellet", "N", PELLET.friction * PELLET.mass * GRAVITY, "mu m g", pushing_force, 0.05
+        "force that pushes a pellet", "N", PELLET.friction * PELLET.mass * GRAVITY, "mu m g", pushing_force, 0.1
     ),
     Experiment("force at which a grip gives", "N", SHEET.grip_force, "data sheet", gripping_force, 0.05),
 )  # fmt: skip
