@@ -5,9 +5,9 @@
     python tools/compare_engines.py --known                 # print only what --out holds
 
 Every run is one episode, driven by `robosim.deploy.Controller` through readings and wheel speeds alone. Each
-is a line of --out as soon as it is over; stopped, the same command goes on. Seeds come one after the other, so
-that all teams have as many. The table is in Markdown: pellets and touches in an episode, mean over seeds, with
-the standard deviation of the pellets, and the share of them that is kept.
+is a line of --out as soon as it is over; stopped, the same command goes on. Seeds come one after the other,
+so that all teams have as many. The table is in Markdown: pellets and touches in an episode, mean over seeds,
+with the standard deviation of the pellets, and the share of them that is kept.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ class Sensor(Protocol):
     """Turns the states of a batch of worlds into percepts."""
 
     age: Floats
-    """[envs, robots] decisions since the last percept's poses were measured; a single 0 where all are fresh."""
+    """[envs, robots] decisions since the last percept's poses were measured; a lone 0 where all are fresh."""
 
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment; what is random in it comes from its one of `seeds`."""

@@ -35,14 +35,14 @@ CASTER_GAP = 5e-4
 CASTER_PLACE = 0.8
 """Of the casters, ahead of and behind the axle, in half lengths."""
 STALL_TORQUE = 1.0
-"""Of a motor, in torques at which a wheel that carries half the robot slips: so a robot pushes with its traction
-at most, as on the data sheet, and its wheels need not spin for it."""
+"""Of a motor, in torques at which a wheel that carries half the robot slips: so a robot pushes with its
+traction at most, as on the data sheet, and its wheels need not spin for it."""
 MOTOR_LAG = 0.008
 """Time constant with which a motor brings its wheel to the commanded speed, s: a stiff speed controller."""
 ROTOR = 0.5
 """Inertia of a motor as its wheel feels it through the gears, in that of half the robot at the wheel's rim.
-Without any, friction under a wheel that weighs next to nothing would be worked out from a torque that is not there
-any more when the step ends."""
+Without any, friction under a wheel that weighs next to nothing would be worked out from a torque that is gone
+when the step ends."""
 PAD_SPEED = 0.02
 """Speed at which the gripper draws back a pellet that a knock has shifted, m/s; the same as in pymunk."""
 PAD_GAIN = 20.0
@@ -212,7 +212,7 @@ def _add_robot(
 
 
 def _add_outline(body: Element, arena: Arena, robot: int) -> None:
-    """Add the body's side: level with the pellets and round, so that it touches all things level, in a point."""
+    """Add the body's side, level with the pellets and round, so that it touches things level, in a point."""
     sheet = arena.robot
     level = pellet_centre(arena) - sheet.wheel_radius
     half, side = 0.5 * sheet.length, 0.5 * sheet.width

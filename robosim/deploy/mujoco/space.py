@@ -178,7 +178,7 @@ class MujocoSpace:
         )
 
     def grip(self, robot: int, pellet: int) -> tuple[float, float]:
-        """Weld a pellet to a gripper and lift it off the ground; returns its place in the robot's frame, m."""
+        """Weld a pellet to a gripper and lift it; returns its place in the robot's frame, m."""
         model, data = self.model, self.data
         data.qpos[self._pad_place[robot]] = 0.0
         data.qvel[self._pad_speed[robot]] = 0.0

@@ -205,8 +205,8 @@ EXPERIMENTS = (
     Experiment("turning rate on the spot", "rad/s", SHEET.top_turn_rate, "2 v / base", turning_rate, 0.01),
     Experiment("wander of a turn on the spot", "mm", 0.0, "0", turn_wander, 0.5),
     Experiment(
-        "radius of an arc, one wheel at half speed", "m", 1.5 * SHEET.wheel_base, "base (w + w/2) / (2 (w - w/2))",
-        arc_radius, 0.01,
+        "radius of an arc, one wheel at half speed", "m", 1.5 * SHEET.wheel_base,
+        "base (w + w/2) / (2 (w - w/2))", arc_radius, 0.01,
     ),
     Experiment("force against a wall", "N", SHEET.traction_force, "mu m g", wall_force, 0.05),
     Experiment("way into the wall", "mm", 0.0, "0", wall_overlap, 0.2),
@@ -215,7 +215,8 @@ EXPERIMENTS = (
         sliding_distance, 0.05,
     ),
     Experiment(
-        "force that pushes a pellet", "N", PELLET.friction * PELLET.mass * GRAVITY, "mu m g", pushing_force, 0.1
+        "force that pushes a pellet", "N", PELLET.friction * PELLET.mass * GRAVITY, "mu m g",
+        pushing_force, 0.1,
     ),
     Experiment("force at which a grip gives", "N", SHEET.grip_force, "data sheet", gripping_force, 0.05),
 )  # fmt: skip

@@ -40,7 +40,7 @@ class PhysicsWorld:
     """Robots and pellets as rigid bodies; robots move only by wheel commands within their data sheet."""
 
     ramps = False
-    """Whether wheels always change their speed in every substep, rather than only for a `motion` that asks."""
+    """Whether wheels always change their speed in every substep, not only for a `motion` that asks."""
 
     def __init__(
         self,
