@@ -95,6 +95,23 @@ def test_a_lost_fix_leaves_the_last_one_for_that_robot_alone() -> None:
     assert len({share.tobytes() for share in lost}) > 100
 
 
+@pytest.mark.parametrize("options", [{"delay": 2, "dropout": 0.3}, {"update_every": 3, "dropout": 0.2}])
+def test_the_age_is_that_of_the_fix_that_is_believed(options) -> None:
+    """Robots that move tell by their heading when a pose was measured."""
+    noisy = sensor(**options)
+    assert_array_equal(ExactSensor().age, 0)
+    ages = []
+    for decision in range(30):
+        believed = noisy.sense(moving(decision)).pose
+        made = np.rint((believed[..., 2] - np.arange(ROBOTS)) / 0.01)
+        assert_array_equal(noisy.age, decision - made)
+        ages.append(noisy.age)
+    assert np.max(ages) > 3
+    noisy.reset(SEEDS)
+    noisy.sense(moving(0))
+    assert_array_equal(noisy.age, 0)
+
+
 def test_what_a_robot_feels_on_its_own_body_stays_exact() -> None:
     state = still()
     state.held[0, 1] = 2

@@ -35,11 +35,11 @@ def heights(world):
 
 @pytest.fixture(scope="module")
 def at_work():
-    """A team of four, yielded after each of 80 decisions."""
+    """A team of four, yielded after each of 100 decisions."""
     controller = Controller(load_policy("paper-4"), name="paper-4")
     robots = make_stand_in("mujoco", controller.config, seed=3)
     states = []
-    for _ in range(80):
+    for _ in range(100):
         for _ in range(robots.arena.timing.control_steps):
             robots.obey(controller.step(robots.readings(), robots.now))
         state, space = robots.world.state, robots.world.spaces[0]
