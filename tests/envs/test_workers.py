@@ -216,6 +216,11 @@ def test_workers_keep_what_the_plain_environment_does_at_the_end_of_an_episode()
             env.step(np.zeros((2, 1), dtype=int))
 
 
+def step_for_ever(env: WorkerVectorEnv, actions: np.ndarray) -> None:
+    while True:
+        env.step(actions)
+
+
 def test_after_an_interrupt_it_is_sound_or_says_that_it_is_closed() -> None:
     """As by Ctrl-C in a notebook, which goes on with the same object."""
 
@@ -226,13 +231,12 @@ def test_after_an_interrupt_it_is_sound_or_says_that_it_is_closed() -> None:
     handler = signal.signal(signal.SIGALRM, interrupt)
     try:
         for delay in (0.05, 0.08):
-            env = vector_env("paper", robots=4, num_envs=4, workers=2)
+            env = WorkerVectorEnv("paper", robots=4, num_envs=4, workers=2)
             env.reset(0)
             stop = np.full((4, 4), 4)
+            signal.setitimer(signal.ITIMER_REAL, delay)
             with pytest.raises(KeyboardInterrupt):
-                signal.setitimer(signal.ITIMER_REAL, delay)
-                while True:
-                    env.step(stop)
+                step_for_ever(env, stop)
             try:
                 observation = env.reset(7)
             except InputError as error:

@@ -198,5 +198,6 @@ def _arena_arrays(arena: Arena) -> dict[str, NDArray[Any]]:
 def _packed(arrays: dict[str, NDArray[Any]]) -> bytes:
     packed = io.BytesIO()
     # In an order of their own: files of weights have none.
-    np.savez_compressed(packed, **{name: arrays[name] for name in sorted(arrays)})
+    ordered: dict[str, Any] = {name: arrays[name] for name in sorted(arrays)}
+    np.savez_compressed(packed, **ordered)
     return packed.getvalue()
