@@ -28,6 +28,12 @@ _NO_BODY = -1
 _FORCES = np.arange(3)
 """Of a contact with friction: one along its normal, two across."""
 _SPACES = itertools.count()
+_UNSTABLE = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+"""Warnings after which MuJoCo puts everything back to where the episode began."""
 
 
 class MujocoSpace:
@@ -137,7 +143,12 @@ class MujocoSpace:
         return np.stack([where[:, 0], where[:, 1], angle], axis=1)
 
     def bodies(self) -> tuple[NDArray[np.uintp], Floats]:
-        """Return ids [n] and x, y, angle, vx, vy, rate [n, 6] of all bodies that are there, robots first."""
+        """Return ids [n] and x, y, angle, vx, vy, rate [n, 6] of all bodies that are there, robots first.
+
+        RuntimeError if the solver has become unstable: what it says since is no outcome.
+        """
+        if any(self.data.warning[int(kind)].number for kind in _UNSTABLE):
+            raise RuntimeError("MuJoCo has become unstable in this arena, with these masses and speeds.")
         all_of_them = np.concatenate([self.poses(), self.data.qvel[self._speed]], axis=1)
         if not self._absent:
             return self.body_ids, all_of_them

@@ -199,6 +199,15 @@ def test_pellets_that_hold_together_are_refused() -> None:
     )
 
 
+def test_a_solver_that_explodes_is_an_error_and_no_outcome(tmp_path, monkeypatch) -> None:
+    # MuJoCo logs its warning where it runs.
+    monkeypatch.chdir(tmp_path)
+    world = begun(MujocoWorld, (*MIDDLE, 0.0))
+    world.spaces[0].data.qvel[0] = 1e12
+    with pytest.raises(RuntimeError, match="MuJoCo has become unstable"):
+        decide(world, [STOP])
+
+
 def test_nothing_is_metered() -> None:
     world = begun(MujocoWorld, (*MIDDLE, 0.0))
     world.meter_wheels()
