@@ -5,7 +5,7 @@ Each function returns the sentences, without the file's name; none when all is w
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from robosim.arena.model import ZONE_OF_CHARACTER, PelletSheet, Randomisation, S
 from robosim.arena.outline import first_touched, touches_wall
 from robosim.errors import shown
 from robosim.robot.sheet import RobotSheet
+from robosim.robot.team import Group
 
 MOST_CELLS = 200
 """In a row or a column of the map."""
@@ -90,12 +91,23 @@ def path_mistakes(zones: NDArray[np.uint8]) -> Iterator[str]:
             )
 
 
-def robot_mistakes(robot: RobotSheet) -> Iterator[str]:
+def group_mistakes(groups: Sequence[Group]) -> Iterator[str]:
+    """Check that no two groups have the same name."""
+    names = [group.name for group in groups]
+    for number, name in enumerate(names):
+        if name in names[:number]:
+            yield (
+                f"groups[{number}].name is {shown(name)}, but must differ from that of "
+                f"groups[{names.index(name)}]."
+            )
+
+
+def robot_mistakes(robot: RobotSheet, place: str) -> Iterator[str]:
     """Check that length and width suit the shape."""
     if robot.shape == "circle" and robot.width != robot.length:
-        yield f"robot.width is {robot.width}, but must equal robot.length ({robot.length}) of a circle."
+        yield f"{place}.width is {robot.width}, but must equal {place}.length ({robot.length}) of a circle."
     elif robot.width > robot.length:
-        yield f"robot.width is {robot.width}, but must be at most robot.length ({robot.length})."
+        yield f"{place}.width is {robot.width}, but must be at most {place}.length ({robot.length})."
 
 
 def timing_mistakes(timing: Timing) -> Iterator[str]:
@@ -139,7 +151,9 @@ def substep_mistakes(
         )
 
 
-def passage_mistakes(robot: RobotSheet, zones: NDArray[np.uint8], cell_size: float) -> Iterator[str]:
+def passage_mistakes(
+    robot: RobotSheet, place: str, zones: NDArray[np.uint8], cell_size: float
+) -> Iterator[str]:
     """Check that a path between home and source is wider than the robot."""
     free, home, source = zones != Zone.WALL, zones == Zone.HOME, zones == Zone.SOURCE
     cells = cells_wide(robot, cell_size)
@@ -147,7 +161,7 @@ def passage_mistakes(robot: RobotSheet, zones: NDArray[np.uint8], cell_size: flo
         return
     widest = next(n for n in range(min(cells, *free.shape), 0, -1) if passage(free, home, source, n).any())
     yield (
-        f"robot.width is {robot.width}, but must be less than {widest * cell_size:.4g} m, the width of "
+        f"{place}.width is {robot.width}, but must be less than {widest * cell_size:.4g} m, the width of "
         "the widest path from home to the source."
     )
 
@@ -158,28 +172,28 @@ def cells_wide(robot: RobotSheet, cell_size: float) -> int:
 
 
 def pose_mistakes(
-    start: Start, robot: RobotSheet, wall: Mask, passable: Mask, cell_size: float
+    start: Start, robots: Sequence[RobotSheet], wall: Mask, passable: Mask, cell_size: float
 ) -> Iterator[str]:
     """Check that robots at the given poses touch neither walls nor each other, and can drive on."""
     poses = list(start.poses)
     for index, pose in enumerate(poses):
         text = f"start.poses[{index}] is {shown(list(pose))}, but there the robot "
-        if touches_wall(robot, pose, wall, cell_size):
+        if touches_wall(robots[index], pose, wall, cell_size):
             yield f"{text}touches a wall."
         elif not passable[int(pose[1] / cell_size), int(pose[0] / cell_size)]:
             yield f"{text}has no path to home and source that is wide enough."
-        elif (other := first_touched(robot, poses, index)) is not None:
+        elif (other := first_touched(robots, poses, index)) is not None:
             yield f"{text}touches that of start.poses[{other}]."
 
 
 def room_mistakes(
-    robot: RobotSheet, pellets: PelletSheet, start: Start, start_places: int, pellet_places: int
+    outer: float, pellets: PelletSheet, start: Start, start_places: int, pellet_places: int
 ) -> Iterator[str]:
-    """Check that at least one robot fits at the start, and all pellets in the source."""
+    """Check that at least one robot of that outer radius fits at the start, and all pellets in the source."""
     if start_places == 0:
         yield (
             f"start.zone is {shown(start.zone.name.lower())}, but that zone has no room for a robot that "
-            f"turns within {2 * robot.outer_radius:.4g} m."
+            f"turns within {2 * outer:.4g} m."
         )
     most = int(SPARE * pellet_places)
     if pellets.count > most:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.distance import DistanceField
 from robosim.robot.sheet import RobotSheet
+from robosim.robot.team import Group, Team
 
 
 class Zone(IntEnum):
@@ -121,12 +122,19 @@ class Arena:
     pellet_places: NDArray[np.float64]
     """[n, 2] places in the source, in m, where pellets can lie without touching; n >= pellets.count."""
     robot: RobotSheet = field(default_factory=RobotSheet)
+    """The data sheet of all robots, or, where there are groups, what their own differ from."""
+    groups: tuple[Group, ...] = ()
+    """Of the team that this arena asks for; empty for a team of equals."""
     pellets: PelletSheet = field(default_factory=PelletSheet)
     timing: Timing = field(default_factory=Timing)
     start: Start = field(default_factory=Start)
     randomisation: Randomisation = field(default_factory=Randomisation)
     as_text: bool = True
     """Whether all of it is what `text` says; not where a world has put timing and starts of its own."""
+
+    def team(self, robots: int) -> Team:
+        """Return a team of so many robots."""
+        return Team.dealt(self.groups or (Group("robots", self.robot),), robots)
 
     @property
     def rows(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +38,18 @@ def placed(points: Points, pose: Pose) -> Points:
     return moved
 
 
-def first_touched(sheet: RobotSheet, poses: list[Pose], index: int) -> int | None:
-    """Find the first pose before `index` whose robot touches or overlaps the one at `index`."""
+def first_touched(sheets: Sequence[RobotSheet], poses: list[Pose], index: int) -> int | None:
+    """Find the first pose before `index` whose robot touches or overlaps the one at `index`.
+
+    `sheets` are the robots' data sheets, one for each pose.
+    """
     x, y, _ = poses[index]
-    for other in range(index):
-        near = math.hypot(poses[other][0] - x, poses[other][1] - y) <= 2.0 * sheet.outer_radius
-        if near and _gap(_core(sheet, poses[index]), _core(sheet, poses[other])) <= 2.0 * _rounding(sheet):
+    own = sheets[index]
+    for other, sheet in enumerate(sheets[:index]):
+        apart = math.hypot(poses[other][0] - x, poses[other][1] - y)
+        near = apart <= own.outer_radius + sheet.outer_radius
+        roundings = _rounding(own) + _rounding(sheet)
+        if near and _gap(_core(own, poses[index]), _core(sheet, poses[other])) <= roundings:
             return other
     return None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from robosim.arena.model import ZONE_OF_CHARACTER, Arena, PelletSheet, Randomisa
 from robosim.arena.schema import ArenaFile, mistake
 from robosim.errors import InputError
 from robosim.robot.sheet import RobotSheet
+from robosim.robot.team import Group, Team
 
 _APART = 2.06
 """Least distance of start places and of pellet places, in radii."""
@@ -87,16 +88,28 @@ def _drawn(drawing: object) -> tuple[Zones | None, list[str]]:
 @dataclass(frozen=True, slots=True)
 class _Sheets:
     robot: RobotSheet
+    groups: tuple[Group, ...]
     pellets: PelletSheet
     timing: Timing
     start: Start
     randomisation: Randomisation
 
+    @property
+    def kinds(self) -> list[tuple[str, RobotSheet]]:
+        """The data sheets that robots have, each after the name of its table."""
+        own = [(f"groups[{number}].robot", group.sheet) for number, group in enumerate(self.groups)]
+        return own or [("robot", self.robot)]
+
 
 def _sheets(values: ArenaFile) -> _Sheets:
     ranges = values.randomisation.model_dump()
+    robot = RobotSheet(**values.robot.model_dump())
     return _Sheets(
-        robot=RobotSheet(**values.robot.model_dump()),
+        robot=robot,
+        groups=tuple(
+            Group(one.name, replace(robot, **one.robot.model_dump(exclude_unset=True)), count=one.count)
+            for one in values.groups
+        ),
         pellets=PelletSheet(**values.pellets.model_dump()),
         timing=Timing(**values.timing.model_dump()),
         start=Start(
@@ -108,33 +121,47 @@ def _sheets(values: ArenaFile) -> _Sheets:
 
 def _sheet_mistakes(sheets: _Sheets) -> list[str]:
     return [
-        *checks.robot_mistakes(sheets.robot),
+        *checks.group_mistakes(sheets.groups),
+        *(sentence for place, robot in sheets.kinds for sentence in checks.robot_mistakes(robot, place)),
         *checks.timing_mistakes(sheets.timing),
         *checks.randomisation_mistakes(sheets.randomisation),
-        *checks.substep_mistakes(sheets.robot, sheets.pellets, sheets.timing, sheets.randomisation),
+        *(
+            sentence
+            for _, robot in sheets.kinds
+            for sentence in checks.substep_mistakes(
+                robot, sheets.pellets, sheets.timing, sheets.randomisation
+            )
+        ),
     ]
 
 
 def _places(zones: Zones, cell_size: float, sheets: _Sheets) -> tuple[Places, Places, list[str]]:
     """Start places and pellet places, and what does not fit."""
-    robot, start, radius = sheets.robot, sheets.start, sheets.pellets.radius
-    mistakes = list(checks.passage_mistakes(robot, zones, cell_size))
+    start, radius = sheets.start, sheets.pellets.radius
+    robots = [robot for _, robot in sheets.kinds]
+    mistakes = [
+        sentence
+        for place, robot in sheets.kinds
+        for sentence in checks.passage_mistakes(robot, place, zones, cell_size)
+    ]
     if mistakes:
         return np.zeros((0, 2)), np.zeros((0, 2)), mistakes
     wall, source = zones == Zone.WALL, zones == Zone.SOURCE
-    passable = passage(~wall, zones == Zone.HOME, source, checks.cells_wide(robot, cell_size))
+    outer = max(robot.outer_radius for robot in robots)
+    widest = max(checks.cells_wide(robot, cell_size) for robot in robots)
+    passable = passage(~wall, zones == Zone.HOME, source, widest)
     if start.poses:
         starts = np.array(start.poses)[:, :2]
-        mistakes += checks.pose_mistakes(start, robot, wall, passable, cell_size)
+        team = Team.dealt(sheets.groups or (Group("robots", sheets.robot),), len(start.poses))
+        mistakes += checks.pose_mistakes(start, team.sheets, wall, passable, cell_size)
     else:
-        outer = robot.outer_radius
         starts = disc_places(
             (zones == start.zone) & passable, wall, cell_size, _CLEAR * outer, _APART * outer, _MOST_STARTS
         )
     # Where a robot's nose can come, too: pellets along walls would never be taken, and pile up.
-    clear = _CLEAR * max(radius, 0.5 * min(robot.length, robot.width))
+    clear = _CLEAR * max(radius, *(0.5 * min(robot.length, robot.width) for robot in robots))
     pellets = disc_places(source & passable, wall, cell_size, clear, _APART * radius, _MOST_PELLET_PLACES)
-    mistakes += checks.room_mistakes(robot, sheets.pellets, start, len(starts), len(pellets))
+    mistakes += checks.room_mistakes(outer, sheets.pellets, start, len(starts), len(pellets))
     return starts, pellets, mistakes
 
 
@@ -159,6 +186,7 @@ def _assembled(
         start_places=starts,
         pellet_places=pellets,
         robot=sheets.robot,
+        groups=sheets.groups,
         pellets=sheets.pellets,
         timing=sheets.timing,
         start=sheets.start,

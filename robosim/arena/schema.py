@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import ErrorDetails
@@ -13,6 +13,9 @@ from robosim.errors import nearest_names, shown
 from robosim.robot.sheet import BodyShape, RobotSheet
 
 _ROBOT, _PELLETS, _TIMING = RobotSheet(), PelletSheet(), Timing()
+
+MOST_GROUPS = 8
+"""In a team."""
 
 Table = dict[str, Any]
 _Factor = Annotated[float, Field(ge=0.1, le=10.0)]
@@ -52,6 +55,20 @@ class RobotSection(_Strict):
     friction: float = _number(_ROBOT.friction, 0, 5)
     gripper_reach: float = _number(_ROBOT.gripper_reach, 0.001, 0.5, "m")
     grip_force: float = _number(_ROBOT.grip_force, 0.001, 1000, "N")
+
+
+class GroupSection(_Strict):
+    """A table of [[groups]]: robots that are alike."""
+
+    name: str = Field(
+        min_length=1,
+        max_length=60,
+        pattern=r"^\w[\w -]*$",
+        description="1 to 60 letters, digits, spaces, dashes or underscores",
+    )
+    count: int = _count(1, 1, 100)
+    robot: RobotSection = Field(RobotSection(), description="a table")
+    """Keys in which these robots differ from the table [robot]."""
 
 
 class PelletSection(_Strict):
@@ -111,6 +128,9 @@ class ArenaFile(_Strict):
     cell_size: float = Field(ge=0.01, le=2.0, description="a number from 0.01 to 2 m")
     map: str = Field(description="the map as text, one character a cell")
     robot: RobotSection = Field(RobotSection(), description="a table")
+    groups: list[GroupSection] = Field(
+        default=[], min_length=2, max_length=MOST_GROUPS, description=f"2 to {MOST_GROUPS} tables [[groups]]"
+    )
     pellets: PelletSection = Field(PelletSection(), description="a table")
     timing: TimingSection = Field(TimingSection(), description="a table")
     start: StartSection = Field(StartSection(), description="a table")
@@ -122,24 +142,40 @@ def mistake(error: ErrorDetails, data: Table) -> str:
 
     Parts of a list are reported as their list, so one sentence may come up more than once.
     """
-    keys = [part for part in error["loc"] if isinstance(part, str)]
+    path = _path_to_key(error["loc"])
+    keys = [part for part in path if isinstance(part, str)]
     model: type[BaseModel] = ArenaFile
     for key in keys[:-1]:
         model = _section(model, key)
-    place = ".".join(key if key.isidentifier() else json.dumps(key) for key in keys)
+    place = "".join(f"[{part}]" if isinstance(part, int) else f".{_named(part)}" for part in path)[1:]
     if error["type"] == "extra_forbidden":
         return f"{place} is not a key of an arena file: {nearest_names(keys[-1], model.model_fields)}"
-    allowed = model.model_fields[keys[-1]].description
+    allowed = "a table" if isinstance(path[-1], int) else model.model_fields[keys[-1]].description
     if error["type"] == "missing":
         return f"{place} is missing; it must be {allowed}."
     value: Any = data
-    for key in keys:
-        value = value[key]
+    for part in path:
+        value = value[part]
     return f"{place} is {shown(value)}, but must be {allowed}."
+
+
+def _path_to_key(loc: tuple[int | str, ...]) -> list[int | str]:
+    """Return where a mistake is: the whole list for a part of one, unless it is a list of tables."""
+    path: list[int | str] = []
+    for part in loc:
+        if isinstance(part, int) and path != ["groups"]:
+            break
+        path.append(part)
+    return path
+
+
+def _named(key: str) -> str:
+    return key if key.isidentifier() else json.dumps(key)
 
 
 def _section(model: type[BaseModel], key: str) -> type[BaseModel]:
     section = model.model_fields[key].annotation
+    (section,) = get_args(section) or (section,)
     assert isinstance(section, type)  # noqa: S101  the file's tables are models, one each
     assert issubclass(section, BaseModel)  # noqa: S101
     return section

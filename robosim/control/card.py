@@ -19,6 +19,7 @@ from robosim.envs.config import EnvConfig
 from robosim.envs.profile import ProfileConfig
 from robosim.errors import InputError, shown
 from robosim.records import Many, Record
+from robosim.robot.team import Group
 from robosim.world.factory import WorldKind
 
 if TYPE_CHECKING:
@@ -46,6 +47,16 @@ class TechniqueCard(Record):
     """What else is worth knowing: which algorithm, with which settings."""
 
 
+class GroupCard(Record):
+    """Robots of a team that are alike."""
+
+    name: str = Field(max_length=60)
+    count: int = Field(ge=1, le=100)
+    """Robots that it gets whenever robots are dealt out to the groups in turn."""
+    robot: RobotSection
+    """Their data sheet."""
+
+
 class ArenaCard(Record):
     """Where the policy learned; its text is in `env.arena`."""
 
@@ -56,6 +67,8 @@ class ArenaCard(Record):
     """m."""
     robot: RobotSection
     """The robots' data sheet."""
+    groups: Many[GroupCard] | None = None
+    """Of a mixed team, whose data sheets count in place of `robot`; none for a team of equals."""
     timing: TimingSection
     """In the world in which the policy learned."""
 
@@ -244,8 +257,13 @@ def arena_card(arena: Arena) -> ArenaCard:
         sha256=fingerprint(arena.text),
         cell_size=arena.cell_size,
         robot=RobotSection(**asdict(arena.robot)),
+        groups=tuple(map(_group_card, arena.groups)) or None,
         timing=TimingSection(**asdict(arena.timing)),
     )
+
+
+def _group_card(group: Group) -> GroupCard:
+    return GroupCard(name=group.name, count=group.count, robot=RobotSection(**asdict(group.sheet)))
 
 
 def fingerprint(text: str) -> str:

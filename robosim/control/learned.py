@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena
-from robosim.control.card import PolicyCard
+from robosim.arena.schema import RobotSection
+from robosim.control.card import PolicyCard, arena_card
 from robosim.control.policy import Policy
 from robosim.discretise.observation import ObservationLayout
 from robosim.envs.config import EnvConfig
@@ -77,8 +78,19 @@ def _facts(card: PolicyCard, team: Team) -> Iterator[tuple[str, object, object]]
     yield "cell size (m)", card.arena.cell_size, arena.cell_size
     if card.env.world == config.world:
         yield "decision period (s)", card.arena.timing.decision_period, arena.timing.decision_period
-    for field, value in card.arena.robot.model_dump().items():
-        yield f"robot {field}", value, getattr(arena.robot, field)
+    here = arena_card(arena)
+    if card.arena.groups is None and here.groups is None:
+        yield from _sheets("robot", card.arena.robot, here.robot)
+        return
+    trained, given = ([(one.name, one.count) for one in part.groups or ()] for part in (card.arena, here))
+    yield "groups of robots", trained, given
+    for one, other in zip(card.arena.groups or (), here.groups or (), strict=False):
+        yield from _sheets(f"robot of {one.name}", one.robot, other.robot)
+
+
+def _sheets(what: str, trained: RobotSection, given: RobotSection) -> Iterator[tuple[str, object, object]]:
+    for field, value in trained.model_dump().items():
+        yield f"{what} {field}", value, getattr(given, field)
 
 
 def _observations(trained: tuple[str, ...], given: tuple[str, ...]) -> Iterator[str]:

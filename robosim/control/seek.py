@@ -44,7 +44,7 @@ def moves_blocked_by_robots(env: VectorEnv) -> Bools:
     if env.world.on_cells:
         return _taken_cells(env)
     place = env.world.state.pose[..., :2]
-    width = 2.0 * env.arena.robot.outer_radius
+    width = env.world.team.reach[..., None]
     apart = place[:, None, :, :] - place[:, :, None, :]
     steps = CARDINAL_STEPS[:4].astype(np.float64)
     along = apart[..., None, 0] * steps[:, 0] + apart[..., None, 1] * steps[:, 1]
@@ -62,7 +62,7 @@ def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats)
     """
     if env.world.on_cells:
         return _toward_cells_with_pellets(env, seekers, cell, cost)
-    state, sheet = env.world.state, env.arena.robot
+    state, sheet = env.world.state, env.world.team.sheet
     envs, robots = np.nonzero(seekers)
     pose = state.pose[envs, robots]
     target = (cell[envs, robots][:, None] + CARDINAL_STEPS[:4] - 0.5) * env.arena.cell_size
@@ -71,13 +71,13 @@ def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats)
     apart = state.pellets[envs] - pose[:, None, :2]
     along = np.einsum("mac,mpc->map", direction, apart)
     across = np.abs(direction[..., 0:1] * apart[:, None, :, 1] - direction[..., 1:2] * apart[:, None, :, 0])
-    sweep = 0.8 * (sheet.gripper_reach + env.arena.pellets.radius)
+    sweep = 0.8 * (_of(robots, sheet.gripper_reach, env) + env.arena.pellets.radius)
     loose = (state.pellet_status[envs] == PelletStatus.LOOSE)[:, None]
-    there = np.where(loose & (along > 0.0) & (across < sweep), along, np.inf).min(axis=2)
+    there = np.where(loose & (along > 0.0) & (across < sweep[:, None, None]), along, np.inf).min(axis=2)
     # Turning costs the distance that the robot could drive in the same time.
     along_heading = direction[..., 0] * np.cos(pose[:, 2:]) + direction[..., 1] * np.sin(pose[:, 2:])
     turn = np.arccos(np.clip(along_heading, -1, 1))
-    there += turn * (sheet.top_speed / sheet.top_turn_rate)
+    there += turn * _of(robots, sheet.top_speed / sheet.top_turn_rate, env)[:, None]
     distance = np.where(loose[:, 0], (apart**2).sum(axis=2), np.inf)
     nearest = apart[np.arange(len(apart)), distance.argmin(axis=1)]
     # With nothing in reach, the general direction of the nearest pellet; always worse than a sure one.
@@ -85,6 +85,11 @@ def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats)
     changed = cost.copy()
     changed[envs, robots] = np.where(np.isfinite(cost[envs, robots]), there, np.inf)
     return changed
+
+
+def _of(robots: Integers, value: Floats | float, env: VectorEnv) -> Floats:
+    """Return what a data sheet's value is for each of `robots` [n]."""
+    return np.broadcast_to(value, env.robots)[robots]
 
 
 def _taken_cells(env: VectorEnv) -> Bools:

@@ -87,7 +87,7 @@ class Controller:
         # Real robots are bodies, wherever the policy learned.
         self.config, self.arena = env_config(card.env, arena=arena, robots=robots, world="physics")
         self.robots = self.config.robots
-        self.layout = self.config.layout
+        self.layout = self.config.layout_in(self.arena)
         check_fit(card, self, name)
         self._max_age = max_age
         self._log = log

@@ -19,6 +19,7 @@ from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import RewardConfig
 from robosim.robot.drivers import STOP, make_driver
 from robosim.robot.kinematics import wrap_angle
+from robosim.robot.team import Team, per_wheel
 from robosim.world.state import Gripper
 
 Act = Callable[[NDArray[np.float32]], NDArray[np.int64]]
@@ -32,8 +33,9 @@ class _Setting:
     arena: Arena
     num_envs: int
     robots: int
-    travel: float
-    turn: float
+    team: Team
+    travel: Floats | float
+    turn: Floats | float
 
 
 class RealTeam:
@@ -49,11 +51,13 @@ class RealTeam:
         act: Act,
         keep_distance: float | None = None,
     ) -> None:
-        sheet, timing = arena.robot, arena.timing
+        team, timing = arena.team(robots), arena.timing
+        sheet = team.sheet
         setting = _Setting(
             arena=replace(arena, pellets=replace(arena.pellets, count=robots)),
             num_envs=1,
             robots=robots,
+            team=team,
             travel=sheet.top_speed * timing.decision_period,
             turn=sheet.top_turn_rate * timing.decision_period,
         )
@@ -71,6 +75,7 @@ class RealTeam:
             timing.decision_period,
             keep_distance,
         )
+        self._limit = per_wheel(sheet.max_wheel_speed)
         self._state = blank_team(robots)
         self.actions = np.full(robots, STOP)
         """[robots] the last that were decided; those of stopped robots are to stop."""
@@ -129,7 +134,7 @@ class RealTeam:
 
     def wheel_speeds(self, stopped: Bools) -> Floats:
         """Return wheel speeds [robots, 2] for the next control period, 0 for those `stopped` [robots]."""
-        limit = self.arena.robot.max_wheel_speed
+        limit = self._limit
         speeds: Floats = np.clip(self._driver.wheel_speeds(self._state.pose)[0], -limit, limit)
         speeds[stopped] = 0.0
         return speeds

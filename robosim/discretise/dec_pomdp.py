@@ -65,12 +65,13 @@ class DecPomdp:
         self._sensor = ExactSensor() if sensor is None else sensor
         self._reader = None if reading == EXACT_READING or not layout.patch else Reader(reading)
         self._patch = np.empty(0, dtype=np.float32)
+        self._kind = np.eye(len(setting.team.groups), dtype=np.float32)[setting.team.group]
         self._locator = Locator(setting, self.grid)
         self._percept: Percept
         self._true: Location
         self._seen: Location
         self._gains = gain_table(self.grid, arena)
-        self._surroundings = Surroundings(self.grid, arena.distances, 2.0 * arena.robot.outer_radius)
+        self._surroundings = Surroundings(self.grid, arena.distances, setting.team)
         self._first_pellet = arena.pellets.count * np.arange(num_envs)[:, None]
         width, height = arena.size
         self._per_size = np.array([1.0 / width, 1.0 / height])
@@ -177,6 +178,7 @@ class DecPomdp:
             in_place=self.in_place,
             gain=gain,
             pellet=self._pellet_in_sight() if expanded else None,
+            kind=self._kind,
         )
         end = write_own_state(layout, own, out)
         if layout.patch:

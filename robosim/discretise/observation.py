@@ -40,6 +40,8 @@ class ObservationLayout:
     """What of the pheromone map is in it; without meaning when `stigmergy` is off."""
     neighbours: bool = True
     """Whether the expanded encoding says which neighbouring cells are free."""
+    kinds: tuple[str, ...] = ()
+    """Groups of a mixed team, in one of which each robot is; empty for a team of equals."""
 
     @property
     def patch(self) -> bool:
@@ -80,6 +82,7 @@ class ObservationLayout:
             own += [f"gain source {side}" for side in sides[:4]]
             axes = ("ahead", "left") if self.own_frame else ("x", "y")
             own += ["pellet seen", *(f"pellet {axis}" for axis in axes), "in place"]
+        own += [f"kind {kind}" for kind in self.kinds]
         if self.patch:
             side = range(-self.radius, self.radius + 1)
             own += [
@@ -191,6 +194,8 @@ class OwnState:
     pellet: NDArray[np.float64] | None
     """[envs, robots, 3] whether a loose pellet lies within sight, and where from the robot's centre, in
     units of the sight; only the expanded encoding needs it."""
+    kind: NDArray[np.float32] | None = None
+    """[robots, kinds] 1 for a robot's own; only a layout with kinds needs it."""
 
 
 _MODE_CODES = np.eye(len(Mode), dtype=np.float32)
@@ -202,6 +207,13 @@ def write_own_state(layout: ObservationLayout, own: OwnState, out: NDArray[np.fl
 
     `paper` gives the mode as one number in 0 to 1; `expanded` gives one-hot codes, sine and cosine.
     """
+    end = _write_encoded(layout, own, out)
+    if layout.kinds:
+        out[..., end : end + len(layout.kinds)] = own.kind
+    return end + len(layout.kinds)
+
+
+def _write_encoded(layout: ObservationLayout, own: OwnState, out: NDArray[np.float32]) -> int:
     crowd = np.minimum(own.collisions * (1.0 / COLLISIONS_FULL), 1.0)
     if layout.encoding == "paper":
         out[..., 0] = own.mode * (1.0 / (len(Mode) - 1))

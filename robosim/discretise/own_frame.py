@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from robosim.arena.distance import DistanceField
 from robosim.discretise.cells import Grid
 from robosim.discretise.location import Location
+from robosim.robot.team import Team
 
 Floats = NDArray[np.float64]
 
@@ -26,21 +27,20 @@ def turned(apart: Floats, heading: Floats) -> Floats:
 class Surroundings:
     """Looks one cell to each side of robots: whether they could stand there, and what they would gain."""
 
-    def __init__(self, grid: Grid, distances: DistanceField, body: float) -> None:
-        """`body` is the largest extent of a robot, m."""
+    def __init__(self, grid: Grid, distances: DistanceField, team: Team) -> None:
         self._grid = grid
         self._free = grid.free.ravel()
         self._distances = distances
-        self._least_square = body**2
+        self._least_square = team.reach[:, None] ** 2
         self._per_cell = 1.0 / grid.cell_size
         self._steps = _STEPS * grid.cell_size
 
     def look(self, at: Location) -> tuple[NDArray[np.bool_], Floats]:
         """Return what is free, [envs, robots, 8], and gains, [envs, robots, 8], around robots `at` a place.
 
-        Free is a point a cell's length away, in the order of `SIDES`, that is in no wall and further than a
-        body from every other robot's centre. Gains are how much nearer those ahead, behind, left and right
-        are to the home, and then to the source, in cells, -1 to 1; in a wall they are -1.
+        Free is a point a cell's length away, in the order of `SIDES`, that is in no wall and so far from each
+        other robot's centre that the two would not touch. Gains are how much nearer those ahead, behind, left
+        and right are to the home, and then to the source, in cells, -1 to 1; in a wall they are -1.
         """
         cosine, sine = np.cos(at.heading)[..., None], np.sin(at.heading)[..., None]
         ahead, left = self._steps[:, 0], self._steps[:, 1]
@@ -55,7 +55,7 @@ class Surroundings:
         return open_ & ~self._taken(at.position, points), gained.swapaxes(2, 3).reshape(*open_.shape)
 
     def _taken(self, position: Floats, points: Floats) -> NDArray[np.bool_]:
-        """Return which points [envs, robots, 8, 2] lie within a body of another robot, [envs, robots, 8]."""
+        """Return which points [envs, robots, 8, 2] lie too near to another robot, [envs, robots, 8]."""
         robots = position.shape[1]
         apart = points[:, :, :, None, :] - position[:, None, None, :, :]
         apart *= apart

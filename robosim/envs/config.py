@@ -61,12 +61,17 @@ class EnvConfig(Record):
     profile: ProfileConfig | None = None
     """What is random and wrong about robots and what they perceive; none for nothing."""
 
-    @property
-    def layout(self) -> ObservationLayout:
-        """Which number stands where in an observation."""
+    def layout_in(self, arena: Arena) -> ObservationLayout:
+        """Return which number stands where in an observation, in that arena."""
         pheromone = self.pheromone
         return ObservationLayout(
-            self.encoding, self.stigmergy, self.actions, pheromone.radius, pheromone.seen, self.neighbours
+            self.encoding,
+            self.stigmergy,
+            self.actions,
+            pheromone.radius,
+            pheromone.seen,
+            self.neighbours,
+            tuple(group.name for group in arena.groups),
         )
 
 

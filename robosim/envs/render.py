@@ -71,8 +71,9 @@ class Painter:
         canvas = self._background.copy()
         self._tint(canvas, frame.pheromone)
         self._draw_pellets(canvas, frame, PelletStatus.LOOSE, LOOSE_PELLET)
-        for pose, mode in zip(frame.pose, frame.mode, strict=True):
-            self._draw_robot(canvas, pose, MODES[int(mode)])
+        sheets = self._arena.team(len(frame.pose)).sheets
+        for sheet, pose, mode in zip(sheets, frame.pose, frame.mode, strict=True):
+            self._draw_robot(canvas, sheet, pose, MODES[int(mode)])
         self._draw_pellets(canvas, frame, PelletStatus.HELD, HELD_PELLET)
         return np.rint(canvas).astype(np.uint8)
 
@@ -101,8 +102,7 @@ class Painter:
         np.maximum.at(cover, (rows[inside], columns[inside]), opacity[inside])
         _paint(canvas, cover, colour)
 
-    def _draw_robot(self, canvas: _Canvas, pose: _Floats, colour: Colour) -> None:
-        sheet = self._arena.robot
+    def _draw_robot(self, canvas: _Canvas, sheet: RobotSheet, pose: _Floats, colour: Colour) -> None:
         x, y = self._to_picture(pose[None, :2])[0]
         reach = sheet.outer_radius * self._scale + 2.0
         height, width = canvas.shape[:2]

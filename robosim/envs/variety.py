@@ -94,6 +94,7 @@ def require_alike(arena: Arena, base: Arena, robots: int) -> None:
     for what, given, wanted in (
         ("cell_size", arena.cell_size, base.cell_size),
         ("robot", arena.robot, base.robot),
+        ("groups", arena.groups, base.groups),
         ("timing", arena.timing, base.timing),
     ):
         if given != wanted:

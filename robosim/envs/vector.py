@@ -108,7 +108,7 @@ class VectorEnv:
         self.seeds = self.seeds_from(seed)
         config = self.config
         self.robots = config.robots
-        self.layout = config.layout
+        self.layout = config.layout_in(arena)
         self.num_actions = self.layout.num_actions
         profile = config.profile or ProfileConfig()
         self._world = make_world(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from robosim.envs.config import EnvConfig
 from robosim.errors import InputError, shown
 from robosim.files import require_writable, whole_file
+from robosim.robot.drivers import ACTION_NAMES
 
 SUFFIX = ".npz"
 """What the name of a trajectory's file ends in."""
@@ -137,7 +138,7 @@ def _require(source: Path, names: tuple[str, ...], there: list[str]) -> None:
 
 def _checked(source: Path, values: _Values) -> Trajectory:
     config = _config(source, values)
-    chosen = _chosen(source, values["chosen"], config.layout.num_actions)
+    chosen = _chosen(source, values["chosen"], len(ACTION_NAMES[config.actions]))
     if chosen.shape[1] != config.robots:
         raise _refused(source, "chosen", _described(chosen), f"bytes [decisions, {config.robots}]")
     policy = _text(source, "policy", values)

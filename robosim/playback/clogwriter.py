@@ -27,7 +27,7 @@ class ClogWriter:
         self._stream = stream
         self._robots = robots
         self._period = arena.timing.decision_period
-        self._ring = body_outline(arena.robot)
+        self._rings = [body_outline(sheet) for sheet in arena.team(robots).sheets]
         self._member = np.zeros(robots, dtype=np.bool_)
         self._upper = np.triu_indices(robots, 1)
         self._links = self._grid(np.zeros((1, robots, 2)), np.zeros((1, robots, robots), dtype=np.bool_))[0]
@@ -64,7 +64,9 @@ class ClogWriter:
             rows = np.flatnonzero(changed_rows(member, self._member[robot : robot + 1]))
             if len(rows):
                 count = member[rows].astype(np.int64)
-                rings = rr.LineStrips2D.columns(strips=[self._ring] * int(count.sum())).partition(count)
+                rings = rr.LineStrips2D.columns(strips=[self._rings[robot]] * int(count.sum())).partition(
+                    count
+                )
                 self._send(entities.ring(robot), drawn.step[rows], rings)
         self._member = drawn.member[-1].copy()
 

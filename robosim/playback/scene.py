@@ -10,6 +10,7 @@ from robosim.arena.model import Arena, Zone
 from robosim.arena.outline import body_outline
 from robosim.playback import entities, palette
 from robosim.playback.shapes import Strip, body_strips, gripper, wall_edges
+from robosim.robot.sheet import RobotSheet
 
 # Lower is drawn first; rerun's own defaults put images under lines under points.
 _MAP, _PHEROMONE, _EDGE, _TRACK, _PELLET = -30.0, -20.0, 0.0, 5.0, 10.0
@@ -24,8 +25,8 @@ _CONTRAST = 3.0
 def send_scene(stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
     """Send everything that does not change: arena, robot shapes, legend, styles of the plots."""
     _send_arena(stream, arena, robots)
-    for robot in range(robots):
-        _send_robot(stream, arena, robot)
+    for robot, sheet in enumerate(arena.team(robots).sheets):
+        _send_robot(stream, arena, robot, sheet)
     _send_legend(stream)
     _send_series(stream, robots)
 
@@ -91,8 +92,7 @@ def _send_arena(stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
     )
 
 
-def _send_robot(stream: rr.RecordingStream, arena: Arena, robot: int) -> None:
-    sheet = arena.robot
+def _send_robot(stream: rr.RecordingStream, arena: Arena, robot: int, sheet: RobotSheet) -> None:
     line = 0.035 * sheet.width
     body, radius = body_strips(sheet)
     path = entities.robot(robot)

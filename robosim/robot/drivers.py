@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.robot.kinematics import body_twist, wheel_speeds_for
-from robosim.robot.sheet import RobotSheet
+from robosim.robot.team import TeamSheet, per_wheel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -114,7 +114,7 @@ class CardinalDriver:
 
     def __init__(
         self,
-        sheet: RobotSheet,
+        sheet: TeamSheet,
         free: NDArray[np.bool_],
         cell_size: float,
         control_period: float,
@@ -202,8 +202,8 @@ class CardinalDriver:
 class WheelsDriver:
     """Holds the wheel speeds of the action for the whole decision."""
 
-    def __init__(self, sheet: RobotSheet) -> None:
-        self._table = WHEEL_SPEEDS * sheet.max_wheel_speed
+    def __init__(self, sheet: TeamSheet) -> None:
+        self._top = per_wheel(sheet.max_wheel_speed)
         self._speeds = np.empty(0)
         self.held_back = np.zeros(0, dtype=np.bool_)
 
@@ -211,7 +211,7 @@ class WheelsDriver:
         self.held_back = np.zeros(pose.shape[:2], dtype=np.bool_)
 
     def begin(self, pose: Floats, actions: Integers) -> None:
-        self._speeds = self._table[actions]
+        self._speeds = WHEEL_SPEEDS.take(actions, axis=0) * self._top
 
     def wheel_speeds(self, pose: Floats) -> Floats:
         return self._speeds
@@ -226,13 +226,14 @@ class DistanceKeeper:
     poses and obey at once, the distance holds whatever is commanded.
     """
 
-    def __init__(self, driver: Driver, sheet: RobotSheet, distance: float, control_period: float) -> None:
+    def __init__(self, driver: Driver, sheet: TeamSheet, distance: float, control_period: float) -> None:
         """Take whose commands are limited, and the least distance between centres (m)."""
         self._driver = driver
         self._sheet = sheet
+        self._limit = per_wheel(sheet.max_wheel_speed)
         self._distance = distance
         self._half_period = 0.5 * control_period
-        self._acceleration = sheet.wheel_radius * sheet.max_wheel_acceleration
+        self._acceleration = np.asarray(sheet.wheel_radius * sheet.max_wheel_acceleration)[..., None]
         self._gain = self._acceleration * control_period
         self.held_back = np.zeros(0, dtype=np.bool_)
 
@@ -244,8 +245,7 @@ class DistanceKeeper:
         self._driver.begin(pose, actions)
 
     def wheel_speeds(self, pose: Floats) -> Floats:
-        sheet = self._sheet
-        limit = sheet.max_wheel_speed
+        sheet, limit = self._sheet, self._limit
         speed, rate = body_twist(sheet, np.clip(self._driver.wheel_speeds(pose), -limit, limit))
         # Along the chord of the arc that the robot describes until the next command.
         course = pose[..., 2] + rate * self._half_period
@@ -267,7 +267,7 @@ class DistanceKeeper:
 
 def make_driver(
     kind: ActionKind,
-    sheet: RobotSheet,
+    sheet: TeamSheet,
     free: NDArray[np.bool_],
     cell_size: float,
     control_period: float,

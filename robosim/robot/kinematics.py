@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.robot.sheet import RobotSheet
+from robosim.robot.team import TeamSheet, per_wheel
 
 Floats = NDArray[np.float64]
 
 
-def body_twist(sheet: RobotSheet, wheel_speeds: Floats) -> tuple[Floats, Floats]:
+def body_twist(sheet: TeamSheet, wheel_speeds: Floats) -> tuple[Floats, Floats]:
     """Return forward speed (m/s) and turning rate (rad/s, left positive) for wheel speeds.
 
-    `wheel_speeds` is [..., 2] (left, right) in rad/s; both results are [...].
+    `wheel_speeds` is [..., 2] (left, right) in rad/s; both results are [...]. With arrays [robots] in `sheet`
+    the last of these axes is that of the robots.
     """
     left, right = wheel_speeds[..., 0], wheel_speeds[..., 1]
     speed = (0.5 * sheet.wheel_radius) * (left + right)
@@ -21,7 +22,7 @@ def body_twist(sheet: RobotSheet, wheel_speeds: Floats) -> tuple[Floats, Floats]
     return speed, turn_rate
 
 
-def wheel_speeds_for(sheet: RobotSheet, speed: Floats, turn_rate: Floats) -> Floats:
+def wheel_speeds_for(sheet: TeamSheet, speed: Floats, turn_rate: Floats) -> Floats:
     """Return the wheel speeds [..., 2] (left, right; rad/s) that give `speed` and `turn_rate`.
 
     The inverse of `body_twist`; the result may exceed the data sheet.
@@ -30,7 +31,7 @@ def wheel_speeds_for(sheet: RobotSheet, speed: Floats, turn_rate: Floats) -> Flo
     half = (0.5 * sheet.wheel_base) * turn_rate
     np.subtract(speed, half, out=wheels[..., 0])
     np.add(speed, half, out=wheels[..., 1])
-    wheels *= 1.0 / sheet.wheel_radius
+    wheels *= per_wheel(1.0 / sheet.wheel_radius)
     return wheels
 
 

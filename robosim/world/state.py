@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena
+from robosim.robot.team import Team
 from robosim.world.contacts import ContactKind, Contacts
 
 if TYPE_CHECKING:
@@ -112,10 +113,11 @@ class Setting(Protocol):
     """The map, with the timing that this world keeps."""
     num_envs: int
     robots: int
-    travel: float
-    """Farthest that a robot comes in a decision, m."""
-    turn: float
-    """Farthest that a robot turns in a decision, rad."""
+    team: Team
+    travel: Floats | float
+    """Farthest that a robot comes in a decision, m: of all robots, or [robots]."""
+    turn: Floats | float
+    """Farthest that a robot turns in a decision, rad: of all robots, or [robots]."""
 
 
 class World(Setting, Protocol):

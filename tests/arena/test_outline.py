@@ -40,15 +40,15 @@ def test_touching_is_sharing_a_point(
 ) -> None:
     sheet = sheet_of(shape)
     if (inside(sheet, a, GRID) & inside(sheet, b, GRID)).any():
-        assert first_touched(sheet, [a, b], 1) == 0
+        assert first_touched([sheet] * 2, [a, b], 1) == 0
     # The grid's points lie 5 mm apart, so outlines grown by 10 mm share one of them when these touch.
     elif not (inside(sheet_of(shape, 0.01), a, GRID) & inside(sheet_of(shape, 0.01), b, GRID)).any():
-        assert first_touched(sheet, [a, b], 1) is None
+        assert first_touched([sheet] * 2, [a, b], 1) is None
 
 
 def test_the_first_that_is_touched_is_named() -> None:
     poses = [(1.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.05, 0.0, 0.0), (0.0, 0.1, 0.0)]
-    assert [first_touched(CAPSULE, poses, index) for index in range(4)] == [None, None, 1, 1]
+    assert [first_touched([CAPSULE] * 4, poses, index) for index in range(4)] == [None, None, 1, 1]
 
 
 @pytest.mark.parametrize(

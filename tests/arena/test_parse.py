@@ -78,7 +78,7 @@ MISTAKES = [
     (
         "cell_size = 0.15",
         "cell_size = 0.15\nrobots = 3",
-        "robots is not a key of an arena file: did you mean robot?",
+        "robots is not a key of an arena file: did you mean robot or groups?",
     ),
     (
         'name = "small"',

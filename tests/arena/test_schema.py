@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from robosim.arena import arena_names, load_arena, parse_arena
-from robosim.arena.schema import ArenaFile
+from robosim.arena.schema import ArenaFile, GroupSection
 from robosim.errors import InputError, shown
 
 PAGE = (Path(__file__).parents[2] / "docs" / "arenas.md").read_text()
@@ -20,6 +20,13 @@ def test_every_key_is_on_the_page_with_its_default_and_range() -> None:
             continue
         for key, value in section.model_fields.items():
             assert f"| `{name}.{key}` | {shown(value.default)} | {value.description} |" in PAGE
+
+
+def test_every_key_of_a_group_is_on_the_page() -> None:
+    for key, field in GroupSection.model_fields.items():
+        assert re.search(
+            rf"^\| `groups.{key}` \| .*\| {re.escape(field.description)} \|$", PAGE, re.MULTILINE
+        )
 
 
 def test_every_shipped_arena_is_on_the_page_with_its_size() -> None:

@@ -54,7 +54,7 @@ class GroupFinder:
         self._tunnels = tunnels
         self.hold = hold_decisions(arena)
         """`HOLD` in decisions."""
-        self._still = 0.5 * arena.robot.length
+        self._still = 0.5 * arena.team(robots).sheet.length
         nobody = np.zeros((self.hold, robots), dtype=np.bool_)
         # Before the run everybody was elsewhere: nobody is held up in its first decisions.
         nowhere = np.full((self.hold, robots, 2), np.inf)

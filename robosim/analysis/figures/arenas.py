@@ -20,6 +20,7 @@ from robosim.arena.model import Arena, Zone
 from robosim.arena.outline import body_outline, placed
 from robosim.errors import InputError
 from robosim.files import write_whole
+from robosim.robot.sheet import RobotSheet
 
 _ZONE_COLOURS = {
     Zone.WALL: "#4a4f57",
@@ -117,12 +118,12 @@ def draw_pellets(axes: Axes, arena: Arena, places: NDArray[np.float64]) -> None:
     axes.add_collection(PatchCollection(pellets, facecolor=PELLET_COLOUR, linewidth=0))
 
 
-def draw_robots(axes: Axes, arena: Arena, poses: NDArray[np.float64], colour: str) -> None:
-    """Draw robots at [robots, 3] x m, y m, heading rad; a white line points ahead."""
+def draw_robots(axes: Axes, sheets: Sequence[RobotSheet], poses: NDArray[np.float64], colour: str) -> None:
+    """Draw robots of data sheets at [robots, 3] x m, y m, heading rad; a white line points ahead."""
     robots, noses = [], []
-    for x, y, heading in poses:
-        robots.append(Polygon(placed(body_outline(arena.robot), (x, y, heading))))
-        reach = 0.5 * arena.robot.length
+    for sheet, (x, y, heading) in zip(sheets, poses.tolist(), strict=True):
+        robots.append(Polygon(placed(body_outline(sheet), (x, y, heading))))
+        reach = 0.5 * sheet.length
         noses.append([(x, y), (x + reach * math.cos(heading), y + reach * math.sin(heading))])
     axes.add_collection(PatchCollection(robots, facecolor=colour, linewidth=0))
     axes.add_collection(LineCollection(noses, color="white", linewidth=0.8))
@@ -134,7 +135,8 @@ def _draw(axes: Axes, arena: Arena) -> None:
     taken = np.random.default_rng(0).permutation(len(arena.pellet_places))[: arena.pellets.count]
     draw_pellets(axes, arena, arena.pellet_places[taken])
     headings = [pose[2] for pose in arena.start.poses] or [0.0] * arena.capacity
-    draw_robots(axes, arena, np.column_stack([arena.start_places, headings]), ROBOT_COLOUR)
+    places = np.column_stack([arena.start_places, headings])
+    draw_robots(axes, arena.team(arena.capacity).sheets, places, ROBOT_COLOUR)
     axes.set_title(
         f"{arena.name}: {width:.2f} x {height:.2f} m, room for {arena.capacity} robots",
         loc="left",

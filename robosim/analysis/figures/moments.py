@@ -64,8 +64,10 @@ def save_moments(moments: Sequence[Moment], path: Path) -> None:
         axes = figure.add_axes((0.01, top / total, 0.98, height / total))
         draw_zones(axes, one.arena)
         draw_pellets(axes, one.arena, one.pellets)
-        draw_robots(axes, one.arena, one.poses[~one.laden], ROBOT_COLOUR)
-        draw_robots(axes, one.arena, one.poses[one.laden], _LADEN_COLOUR)
+        sheets = one.arena.team(len(one.poses)).sheets
+        for laden, colour in ((False, ROBOT_COLOUR), (True, _LADEN_COLOUR)):
+            shown = np.flatnonzero(one.laden == laden)
+            draw_robots(axes, [sheets[robot] for robot in shown], one.poses[shown], colour)
         axes.set_title(one.title, loc="left", fontsize=10)
         axes.set_xlim(0.0, one.arena.size[0])
         axes.set_ylim(0.0, one.arena.size[1])

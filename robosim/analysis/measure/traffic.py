@@ -78,7 +78,9 @@ class TrafficMeter:
     def __init__(self, arena: Arena, robots: int, tunnels: Tunnels) -> None:
         self._tunnels = tunnels
         self._robots = robots
-        self._least_displacement = MOVES_ALONG * arena.robot.top_speed * arena.timing.decision_period
+        self._least_displacement = (
+            MOVES_ALONG * arena.team(robots).sheet.top_speed * arena.timing.decision_period
+        )
         period = arena.timing.decision_period
         self._period = period
         self._window = max(1, round(WINDOW / period))

@@ -33,6 +33,9 @@ class MujocoWorld(PhysicsWorld):
             raise refused(
                 "pellets.cohesion", arena.pellets.cohesion, "0 in MuJoCo, which has no pull between pellets"
             )
+        if arena.groups:
+            names = [group.name for group in arena.groups]
+            raise refused("groups", names, "left out in MuJoCo, whose robots are all alike")
         super().__init__(arena, robots, num_envs, actions, pellet_gradient, motion)
 
     def meter_wheels(self) -> None:

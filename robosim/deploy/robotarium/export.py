@@ -102,6 +102,8 @@ def _require_fit(card: PolicyCard, arena: Arena, who: str) -> None:
     """Raise InputError unless robots, floor and periods are those of the laboratory."""
     if card.robots > MOST_ROBOTS:
         raise InputError(f"{who} drives {card.robots} robots, but the Robotarium has {MOST_ROBOTS}.")
+    if arena.groups:
+        raise InputError(f"{who} drives a mixed team, but the Robotarium's robots are all alike.")
     theirs = RobotSheet()
     for field in ("shape", "length", "width", "wheel_radius", "wheel_base", "max_wheel_speed"):
         ours, right = getattr(arena.robot, field), getattr(theirs, field)

@@ -29,7 +29,7 @@ def grid_arena(arena: Arena) -> Arena:
     capacity is the number of cells in which they can. Raises InputError where a decision would be longer or
     shorter than an arena file may say.
     """
-    period = arena.cell_size / arena.robot.top_speed
+    period = arena.cell_size / arena.team(1).sheets[0].top_speed
     if not SHORTEST_DECISION <= period <= LONGEST_DECISION:
         raise InputError(
             f"arena {arena.name!r}: cell_size over the robot's top speed, a decision in the grid, is "

@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
-from robosim.errors import refused
+from robosim.errors import InputError, refused
 from robosim.robot.drivers import ACTION_NAMES, CARDINAL_STEPS, STOP, ActionKind
+from robosim.robot.team import Team
 from robosim.world.contacts import ContactKind, Contacts, no_contacts
 from robosim.world.draws import draw_episode
 from robosim.world.grid.conflicts import Crowd, Outcome
@@ -80,10 +81,12 @@ class GridWorld:
         self._late: LateCommands | None = None
         self.drawn: Sequence[MotionDraws] = ()
         self.robots = robots
+        self.team = arena.team(robots)
+        _require_alike(self.team)
         self.num_envs = num_envs
         self.on_cells = True
-        self.travel = arena.cell_size
-        self.turn = np.pi if actions == "cardinal" else 0.5 * np.pi
+        self.travel: Floats | float = arena.cell_size
+        self.turn: Floats | float = np.pi if actions == "cardinal" else 0.5 * np.pi
         shape = (num_envs, robots)
         self.state = blank_state(num_envs, robots, arena.pellets.count)
         self.contacts = no_contacts()
@@ -97,7 +100,7 @@ class GridWorld:
         headings = np.tile(HEADING, len(centre))[:, None]
         self._poses = np.concatenate([centre.repeat(QUARTERS, axis=0), headings], axis=1)
         """[cells * 4, 3] by cell and heading."""
-        offset = min(0.5 * arena.robot.length, NOSE * arena.cell_size)
+        offset = min(0.5 * self.team.sheets[0].length, NOSE * arena.cell_size)
         self._noses = self._poses[:, :2] + offset * np.tile(FORWARD, (len(centre), 1))
         """[cells * 4, 2] where a robot's gripper is."""
         turned = HEADING[:, None] - HEADING
@@ -228,6 +231,16 @@ class GridWorld:
             envs = pellets.take(takers, self._cell)
             pellets.carry(self._nose)
             pellets.feel_again(envs, self._cell, self._nose)
+
+
+def _require_alike(team: Team) -> None:
+    """Raise InputError for robots of unlike data sheets."""
+    unlike = [one.name for one in team.groups if one.sheet != team.groups[0].sheet]
+    if unlike:
+        raise InputError(
+            f"groups: {unlike[0]} has another data sheet than {team.groups[0].name}, but all must have the "
+            "same in the grid, where robots have no bodies and drive a cell in a decision."
+        )
 
 
 def _moves(actions: ActionKind, columns: int) -> tuple[Integers, Integers]:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.arena.model import Arena
+from robosim.arena.model import Timing
+from robosim.robot.team import Team, per_wheel
 from robosim.world.motion import LateCommands, MotionConfig, MotionDraws
 
 Floats = NDArray[np.float64]
@@ -21,12 +22,12 @@ class Motors:
         config: MotionConfig,
         draws: Sequence[MotionDraws],
         episodes: Sequence[np.random.SeedSequence],
-        arena: Arena,
+        team: Team,
+        timing: Timing,
     ) -> None:
-        timing = arena.timing
         self.gradual = config.gradual
         """Whether wheel speeds change in every substep, rather than once in a control period."""
-        self.max_change = np.array(arena.robot.max_wheel_acceleration * timing.substep)
+        self.max_change = per_wheel(team.sheet.max_wheel_acceleration * timing.substep)
         """Of a wheel's speed in a substep, rad/s."""
         self.half_substep = np.array(0.5 * timing.substep)
         """s."""

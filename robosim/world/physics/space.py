@@ -13,6 +13,7 @@ from pymunk import batch
 
 from robosim.arena.model import Arena
 from robosim.robot.sheet import GRAVITY, RobotSheet
+from robosim.robot.team import Team
 from robosim.world.draws import Draws
 
 Floats = NDArray[np.float64]
@@ -65,9 +66,10 @@ class EpisodeSpace:
     all robots a single call.
     """
 
-    def __init__(self, arena: Arena, draws: Draws, commands: Floats) -> None:
+    def __init__(self, arena: Arena, team: Team, draws: Draws, commands: Floats) -> None:
         """Build the bodies; `commands` [robots, 3] is read by every `drive` (m/s, m/s, rad/s)."""
         self._arena = arena
+        self._sheets = team.sheets
         self._space = pymunk.Space(threaded=False)
         self._space.iterations = SOLVER_ITERATIONS
         self._space.collision_slop = CONTACT_SLOP
@@ -89,9 +91,8 @@ class EpisodeSpace:
         controls = [pymunk.Body(body_type=pymunk.Body.KINEMATIC) for _ in draws.robot_pose]
         self._controls.add(*controls)
         for robot, pose in enumerate(draws.robot_pose):
-            self._add_robot(
-                controls[robot], pose, float(draws.robot_mass[robot]), float(draws.traction[robot])
-            )
+            factors = float(draws.robot_mass[robot]), float(draws.traction[robot])
+            self._add_robot(team.sheets[robot], controls[robot], pose, *factors)
         for pellet, place in enumerate(draws.pellet_place):
             self._add_pellet(place, float(draws.pellet_mass[pellet]), float(draws.pellet_friction[pellet]))
         self.body_ids = np.array([body.id for body in (*self._robots, *self._pellets)], dtype=np.uintp)
@@ -111,9 +112,13 @@ class EpisodeSpace:
             self._space.add(wall)
 
     def _add_robot(
-        self, control: pymunk.Body, pose: Floats, mass_factor: float, traction_factor: float
+        self,
+        sheet: RobotSheet,
+        control: pymunk.Body,
+        pose: Floats,
+        mass_factor: float,
+        traction_factor: float,
     ) -> None:
-        sheet = self._arena.robot
         mass = sheet.mass * mass_factor
         body = pymunk.Body(mass, _moment(sheet, mass))
         body.position = (float(pose[0]), float(pose[1]))
@@ -200,7 +205,7 @@ class EpisodeSpace:
     def grip(self, robot: int, pellet: int) -> tuple[float, float]:
         """Join a pellet to a robot and lift it off the ground; returns its place in the robot's frame, m."""
         joint = pymunk.PivotJoint(self._robots[robot], self._pellets[pellet], self._pellets[pellet].position)
-        joint.max_force = self._arena.robot.grip_force
+        joint.max_force = self._sheets[robot].grip_force
         joint.max_bias = GRIP_RECOVERY
         self._space.add(joint)
         self._grips[pellet] = joint

@@ -12,6 +12,7 @@ from robosim.arena.model import Arena, Zone
 from robosim.errors import refused
 from robosim.robot.drivers import ActionKind, make_driver
 from robosim.robot.kinematics import body_twist, slew, wrap_angle
+from robosim.robot.team import per_wheel
 from robosim.world.contacts import no_contacts
 from robosim.world.draws import Draws, draw_episode
 from robosim.world.motion import EXACT, MotionConfig, MotionDraws, draw_motion, with_motion
@@ -59,8 +60,9 @@ class PhysicsWorld:
         self.arena = arena
         self.pellet_gradient = pellet_gradient
         self.robots = robots
+        self.team = arena.team(robots)
         self.num_envs = num_envs
-        sheet, timing = arena.robot, arena.timing
+        sheet, timing = self.team.sheet, arena.timing
         self._driver = make_driver(
             actions,
             sheet,
@@ -70,8 +72,8 @@ class PhysicsWorld:
             timing.decision_period,
             keep_distance,
         )
-        # Arrays of one number: numpy takes them much faster than Python's.
-        self._max_change = np.array(sheet.max_wheel_acceleration * timing.control_period)
+        # Arrays of one number, where robots are alike: numpy takes them much faster than Python's.
+        self._max_change = per_wheel(sheet.max_wheel_acceleration * timing.control_period)
         self._half_period = np.array(0.5 * timing.control_period)
         self.motion = motion
         self._motors: Motors | None = None
@@ -132,7 +134,7 @@ class PhysicsWorld:
         self._rngs = [np.random.default_rng(seed) for seed in seeds]
         self.drawn = [draw_motion(self.motion, self.robots, seed) for seed in seeds]
         if self.motion != EXACT or self.ramps:
-            self._motors = Motors(self.motion, self.drawn, seeds, self.arena)
+            self._motors = Motors(self.motion, self.drawn, seeds, self.team, self.arena.timing)
         self._commands[...] = 0.0
         self._spaces = [self._built(env, rng) for env, rng in enumerate(self._rngs)]
         self._log.know_bodies(np.stack([space.body_ids for space in self._spaces]))
@@ -161,15 +163,15 @@ class PhysicsWorld:
         draws, speed_factor = draw_episode(self.arena, self.robots, rng, self.pellet_gradient)
         draws = with_motion(draws, self.drawn[env])
         space = self._new_bodies(draws, self._commands[env])
-        self._traction[env] = self.arena.robot.traction_force * draws.robot_mass * draws.traction
-        self._max_speed[env, :, 0] = self.arena.robot.max_wheel_speed * speed_factor
+        self._traction[env] = self.team.sheet.traction_force * draws.robot_mass * draws.traction
+        self._max_speed[env, :, 0] = self.team.sheet.max_wheel_speed * speed_factor
         self.state.pose[env] = draws.robot_pose
         self._slots[env, :-1] = draws.pellet_place
         return space
 
     def _new_bodies(self, draws: Draws, commands: Floats) -> Bodies:
         """Return an episode's bodies, which read `commands` [robots, 3] when they are driven."""
-        return EpisodeSpace(self.arena, draws, commands)
+        return EpisodeSpace(self.arena, self.team, draws, commands)
 
     def step(self, actions: Integers, gripper: NDArray[np.int8], believed: Floats | None = None) -> None:
         """Advance all environments by one decision: actions and gripper commands are [envs, robots].
@@ -231,7 +233,7 @@ class PhysicsWorld:
 
     def _meter(self, before: tuple[Floats, Floats]) -> None:
         """Add the control period's loss and distances: pose and velocity were `before` at its beginning."""
-        timing, sheet = self.arena.timing, self.arena.robot
+        timing, sheet = self.arena.timing, self.team.sheet
         pose, velocity = before
         driven = self._commands * timing.control_period if self._motors is None else self._driven
         slip = driven - (self.state.pose - pose)
@@ -282,7 +284,7 @@ class PhysicsWorld:
     def _command(self, heading: Floats, half: Floats) -> None:
         """Command the velocities that the wheel speeds give robots of a heading, for twice `half` s."""
         commands = self._commands
-        speed, rate = body_twist(self.arena.robot, self.wheel_speeds)
+        speed, rate = body_twist(self.team.sheet, self.wheel_speeds)
         # The chord of the arc that the wheels describe: the end of the period is then exact.
         half_turn = rate * half
         chord = heading + half_turn
@@ -439,7 +441,7 @@ class PhysicsWorld:
             [state.pose[env, :, :2], state.pellets[env][state.pellet_status[env] != ABSENT]]
         )
         reach = np.full(len(others), 2.0 * arena.pellets.radius + REFILL_MARGIN)
-        reach[: self.robots] = arena.robot.outer_radius + arena.pellets.radius + REFILL_MARGIN
+        reach[: self.robots] = self.team.sheet.outer_radius + arena.pellets.radius + REFILL_MARGIN
         reach *= reach
         for choice in self._rngs[env].permutation(len(arena.pellet_places)).tolist():
             place: Floats = arena.pellet_places[choice]
