@@ -23,6 +23,7 @@ MOST_SUBSTEPS = 5000
 """In a decision."""
 MOST_TURN = 0.25
 """Of a robot in a substep, rad."""
+_GOAL_NAMES = {Zone.HOME: "home", Zone.SOURCE: "the source", Zone.HANDOVER: "the hand-over"}
 SPARE = 0.9
 """Part of the pellet places that the pellets may fill: a fresh pellet needs a free one."""
 
@@ -46,7 +47,7 @@ def drawing_mistakes(lines: list[str]) -> Iterator[str]:
             if character not in ZONE_OF_CHARACTER:
                 yield (
                     f"map row {row}, column {column} is {shown(character)}, but must be # (wall), . (floor), "
-                    "H (home), S (source) or T (tunnel)."
+                    "H (home), S (source), T (tunnel) or X (hand-over)."
                 )
                 break
     if not ragged:
@@ -81,13 +82,14 @@ def path_mistakes(zones: NDArray[np.uint8]) -> Iterator[str]:
     if len(joined) == 0:
         yield "map has no path from home (H) to the source (S); free cells must join them edge to edge."
         return
+    names[Zone.HANDOVER] = "hand-over (X)"
     for zone, name in names.items():
         cut_off = np.argwhere((zones == zone) & (parts != joined[0]))
         if len(cut_off):
             row, column = cut_off[-1]
             yield (
                 f"map row {len(zones) - row}, column {column + 1} is {name}, but is cut off by walls; "
-                "all home and source cells must be joined by free cells."
+                "all home, source and hand-over cells must be joined by free cells."
             )
 
 
@@ -100,6 +102,23 @@ def group_mistakes(groups: Sequence[Group]) -> Iterator[str]:
                 f"groups[{number}].name is {shown(name)}, but must differ from that of "
                 f"groups[{names.index(name)}]."
             )
+
+
+def handover_mistakes(groups: Sequence[Group], zones: NDArray[np.uint8]) -> Iterator[str]:
+    """Check that those who hand over have somebody to hand over to, and a place for it."""
+    roles = [group.role for group in groups]
+    places: dict[str, str] = {
+        role: f"groups[{number}].role is {shown(role)}" for number, role in enumerate(roles)
+    }
+    for role, other, work in (
+        ("excavator", "transporter", "brings home what is handed over"),
+        ("transporter", "excavator", "hands over"),
+    ):
+        if role in places and other not in places:
+            yield f"{places[role]}, but no group has the role {shown(other)}, which {work}."
+    specialists = [place for role, place in places.items() if role != "all-round"]
+    if specialists and not (zones == Zone.HANDOVER).any():
+        yield f"{specialists[0]}, but the map has no hand-over (X) cell where it could meet the others."
 
 
 def robot_mistakes(robot: RobotSheet, place: str) -> Iterator[str]:
@@ -152,17 +171,18 @@ def substep_mistakes(
 
 
 def passage_mistakes(
-    robot: RobotSheet, place: str, zones: NDArray[np.uint8], cell_size: float
+    robot: RobotSheet, place: str, goals: tuple[Zone, Zone], zones: NDArray[np.uint8], cell_size: float
 ) -> Iterator[str]:
-    """Check that a path between home and source is wider than the robot."""
-    free, home, source = zones != Zone.WALL, zones == Zone.HOME, zones == Zone.SOURCE
+    """Check that a path between the goals of a robot is wider than it is."""
+    free, brings, takes = zones != Zone.WALL, zones == goals[0], zones == goals[1]
     cells = cells_wide(robot, cell_size)
-    if passage(free, home, source, cells).any():
+    if passage(free, brings, takes, cells).any():
         return
-    widest = next(n for n in range(min(cells, *free.shape), 0, -1) if passage(free, home, source, n).any())
+    widest = next(n for n in range(min(cells, *free.shape), 0, -1) if passage(free, brings, takes, n).any())
+    from_, to = (_GOAL_NAMES[zone] for zone in goals)
     yield (
         f"{place}.width is {robot.width}, but must be less than {widest * cell_size:.4g} m, the width of "
-        "the widest path from home to the source."
+        f"the widest path from {from_} to {to}."
     )
 
 
@@ -172,15 +192,18 @@ def cells_wide(robot: RobotSheet, cell_size: float) -> int:
 
 
 def pose_mistakes(
-    start: Start, robots: Sequence[RobotSheet], wall: Mask, passable: Mask, cell_size: float
+    start: Start, robots: Sequence[RobotSheet], wall: Mask, passable: Sequence[Mask], cell_size: float
 ) -> Iterator[str]:
-    """Check that robots at the given poses touch neither walls nor each other, and can drive on."""
+    """Check that robots at the given poses touch neither walls nor each other, and can drive on.
+
+    `robots` and `passable`, where they can drive, are those of each pose.
+    """
     poses = list(start.poses)
     for index, pose in enumerate(poses):
         text = f"start.poses[{index}] is {shown(list(pose))}, but there the robot "
         if touches_wall(robots[index], pose, wall, cell_size):
             yield f"{text}touches a wall."
-        elif not passable[int(pose[1] / cell_size), int(pose[0] / cell_size)]:
+        elif not passable[index][int(pose[1] / cell_size), int(pose[0] / cell_size)]:
             yield f"{text}has no path to home and source that is wide enough."
         elif (other := first_touched(robots, poses, index)) is not None:
             yield f"{text}touches that of start.poses[{other}]."

@@ -14,14 +14,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DistanceField:
-    """Distances to home and source on a raster, read bilinearly.
+    """Distances to zones, such as home and source, on a raster, read bilinearly.
 
     The raster's nodes lie on the lines between cells too, so each of its squares is in one cell
     and no value of the far side of a wall mixes in.
     """
 
     raster: Floats
-    """[ny, nx, 2] distance in m to home and to the source at the nodes, row 0 at the bottom."""
+    """[ny, nx, zones] distance in m to each zone at the nodes, row 0 at the bottom."""
     spacing: float
     """Between nodes, m."""
     _scale: float
@@ -30,7 +30,7 @@ class DistanceField:
     _table: Floats
 
     def sample(self, xy: Floats) -> Floats:
-        """Distances [..., 2] in m (to home, to the source) at points xy [..., 2] in m.
+        """Distances [..., zones] in m at points xy [..., 2] in m.
 
         A point beyond the map takes the value at its edge. Each point's value has the same bits
         in every batch.
@@ -49,8 +49,15 @@ class DistanceField:
 def distance_field(
     free: NDArray[np.bool_], home: NDArray[np.bool_], source: NDArray[np.bool_], cell_size: float
 ) -> DistanceField:
-    """Compute the distances for a map of cells [rows, columns], row 0 at the bottom."""
-    raster, per_cell = geodesic_raster(free, (home, source))
+    """Compute the distances to home and source for a map of cells [rows, columns], row 0 at the bottom."""
+    return distances_to((home, source), free, cell_size)
+
+
+def distances_to(
+    zones: tuple[NDArray[np.bool_], ...], free: NDArray[np.bool_], cell_size: float
+) -> DistanceField:
+    """Compute the distances to each of `zones` for a map of cells [rows, columns], row 0 at the bottom."""
+    raster, per_cell = geodesic_raster(free, zones)
     raster *= cell_size
     corner, right, up, both = raster[:-1, :-1], raster[:-1, 1:], raster[1:, :-1], raster[1:, 1:]
     table = np.stack((corner, right - corner, up - corner, both - up - right + corner), axis=2)
@@ -62,5 +69,5 @@ def distance_field(
         _scale=per_cell / cell_size,
         _last=np.nextafter(np.array([nx, ny], dtype=np.float64), 0.0),
         _stride=nx,
-        _table=np.ascontiguousarray(table.reshape(-1, 4, 2)),
+        _table=np.ascontiguousarray(table.reshape(-1, 4, len(zones))),
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.distance import DistanceField
 from robosim.robot.sheet import RobotSheet
-from robosim.robot.team import Group, Team
+from robosim.robot.team import Group, Role, Team
 
 
 class Zone(IntEnum):
@@ -21,6 +21,7 @@ class Zone(IntEnum):
     HOME = 2
     SOURCE = 3
     TUNNEL = 4
+    HANDOVER = 5
 
 
 ZONE_OF_CHARACTER = {
@@ -29,7 +30,15 @@ ZONE_OF_CHARACTER = {
     "H": Zone.HOME,
     "S": Zone.SOURCE,
     "T": Zone.TUNNEL,
+    "X": Zone.HANDOVER,
 }
+
+GOALS = {
+    Role.ALL_ROUND: (Zone.HOME, Zone.SOURCE),
+    Role.EXCAVATOR: (Zone.HANDOVER, Zone.SOURCE),
+    Role.TRANSPORTER: (Zone.HOME, Zone.HANDOVER),
+}
+"""Where robots of a role bring pellets, and where they take them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +134,8 @@ class Arena:
     """The data sheet of all robots, or, where there are groups, what their own differ from."""
     groups: tuple[Group, ...] = ()
     """Of the team that this arena asks for; empty for a team of equals."""
+    handover: DistanceField | None = None
+    """Geodesic distances to the hand-over; None in an arena without one."""
     pellets: PelletSheet = field(default_factory=PelletSheet)
     timing: Timing = field(default_factory=Timing)
     start: Start = field(default_factory=Start)

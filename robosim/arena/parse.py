@@ -4,20 +4,29 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from robosim.arena import checks
-from robosim.arena.distance import distance_field
+from robosim.arena.distance import distance_field, distances_to
 from robosim.arena.geometry import disc_places, passage, rectangles, tunnel_length
-from robosim.arena.model import ZONE_OF_CHARACTER, Arena, PelletSheet, Randomisation, Start, Timing, Zone
+from robosim.arena.model import (
+    GOALS,
+    ZONE_OF_CHARACTER,
+    Arena,
+    PelletSheet,
+    Randomisation,
+    Start,
+    Timing,
+    Zone,
+)
 from robosim.arena.schema import ArenaFile, mistake
 from robosim.errors import InputError
 from robosim.robot.sheet import RobotSheet
-from robosim.robot.team import Group, Team
+from robosim.robot.team import ROLES, Group, Team
 
 _APART = 2.06
 """Least distance of start places and of pellet places, in radii."""
@@ -95,10 +104,30 @@ class _Sheets:
     randomisation: Randomisation
 
     @property
-    def kinds(self) -> list[tuple[str, RobotSheet]]:
-        """The data sheets that robots have, each after the name of its table."""
-        own = [(f"groups[{number}].robot", group.sheet) for number, group in enumerate(self.groups)]
-        return own or [("robot", self.robot)]
+    def kinds(self) -> list[_Kind]:
+        """The kinds of robots that there are: the groups', or the one of a team of equals."""
+        if not self.groups:
+            return [_Kind("robot", Group("robots", self.robot))]
+        return [_Kind(f"groups[{number}].robot", group) for number, group in enumerate(self.groups)]
+
+    def team(self, robots: int) -> Team:
+        return Team.dealt(tuple(kind.group for kind in self.kinds), robots)
+
+
+class _Kind(NamedTuple):
+    """Robots that are alike, and the name of the table that holds their data sheet."""
+
+    place: str
+    group: Group
+
+    @property
+    def sheet(self) -> RobotSheet:
+        return self.group.sheet
+
+    @property
+    def goals(self) -> tuple[Zone, Zone]:
+        """Where they bring pellets, and where they take them."""
+        return GOALS[ROLES[self.group.role]]
 
 
 def _sheets(values: ArenaFile) -> _Sheets:
@@ -107,7 +136,7 @@ def _sheets(values: ArenaFile) -> _Sheets:
     return _Sheets(
         robot=robot,
         groups=tuple(
-            Group(one.name, replace(robot, **one.robot.model_dump(exclude_unset=True)), count=one.count)
+            Group(one.name, replace(robot, **one.robot.model_dump(exclude_unset=True)), one.role, one.count)
             for one in values.groups
         ),
         pellets=PelletSheet(**values.pellets.model_dump()),
@@ -120,55 +149,75 @@ def _sheets(values: ArenaFile) -> _Sheets:
 
 
 def _sheet_mistakes(sheets: _Sheets) -> list[str]:
+    kinds = sheets.kinds
+    of_robots = [sentence for kind in kinds for sentence in checks.robot_mistakes(kind.sheet, kind.place)]
+    of_substeps = [
+        sentence
+        for kind in kinds
+        for sentence in checks.substep_mistakes(
+            kind.sheet, sheets.pellets, sheets.timing, sheets.randomisation
+        )
+    ]
     return [
         *checks.group_mistakes(sheets.groups),
-        *(sentence for place, robot in sheets.kinds for sentence in checks.robot_mistakes(robot, place)),
+        *of_robots,
         *checks.timing_mistakes(sheets.timing),
         *checks.randomisation_mistakes(sheets.randomisation),
-        *(
-            sentence
-            for _, robot in sheets.kinds
-            for sentence in checks.substep_mistakes(
-                robot, sheets.pellets, sheets.timing, sheets.randomisation
-            )
-        ),
+        *of_substeps,
     ]
 
 
 def _places(zones: Zones, cell_size: float, sheets: _Sheets) -> tuple[Places, Places, list[str]]:
     """Start places and pellet places, and what does not fit."""
-    start, radius = sheets.start, sheets.pellets.radius
-    robots = [robot for _, robot in sheets.kinds]
-    mistakes = [
-        sentence
-        for place, robot in sheets.kinds
-        for sentence in checks.passage_mistakes(robot, place, zones, cell_size)
-    ]
+    start, radius, kinds = sheets.start, sheets.pellets.radius, sheets.kinds
+    mistakes = list(checks.handover_mistakes(sheets.groups, zones))
+    if not mistakes:
+        mistakes = [
+            sentence
+            for kind in kinds
+            for sentence in checks.passage_mistakes(kind.sheet, kind.place, kind.goals, zones, cell_size)
+        ]
     if mistakes:
         return np.zeros((0, 2)), np.zeros((0, 2)), mistakes
     wall, source = zones == Zone.WALL, zones == Zone.SOURCE
-    outer = max(robot.outer_radius for robot in robots)
-    widest = max(checks.cells_wide(robot, cell_size) for robot in robots)
-    passable = passage(~wall, zones == Zone.HOME, source, widest)
+    outer = max(kind.sheet.outer_radius for kind in kinds)
+    passable = [_passable(kind, zones, cell_size) for kind in kinds]
     if start.poses:
         starts = np.array(start.poses)[:, :2]
-        team = Team.dealt(sheets.groups or (Group("robots", sheets.robot),), len(start.poses))
-        mistakes += checks.pose_mistakes(start, team.sheets, wall, passable, cell_size)
+        team = sheets.team(len(start.poses))
+        own = [passable[group] for group in team.group]
+        mistakes += checks.pose_mistakes(start, team.sheets, wall, own, cell_size)
     else:
         starts = disc_places(
-            (zones == start.zone) & passable, wall, cell_size, _CLEAR * outer, _APART * outer, _MOST_STARTS
+            (zones == start.zone) & np.logical_and.reduce(passable),
+            wall,
+            cell_size,
+            _CLEAR * outer,
+            _APART * outer,
+            _MOST_STARTS,
         )
     # Where a robot's nose can come, too: pellets along walls would never be taken, and pile up.
-    clear = _CLEAR * max(radius, *(0.5 * min(robot.length, robot.width) for robot in robots))
-    pellets = disc_places(source & passable, wall, cell_size, clear, _APART * radius, _MOST_PELLET_PLACES)
+    diggers = [index for index, kind in enumerate(kinds) if kind.goals[1] == Zone.SOURCE]
+    sides = [min(kinds[index].sheet.length, kinds[index].sheet.width) for index in diggers]
+    clear = _CLEAR * max(radius, 0.5 * max(sides))
+    dug = source & np.logical_and.reduce([passable[index] for index in diggers])
+    pellets = disc_places(dug, wall, cell_size, clear, _APART * radius, _MOST_PELLET_PLACES)
     mistakes += checks.room_mistakes(outer, sheets.pellets, start, len(starts), len(pellets))
     return starts, pellets, mistakes
+
+
+def _passable(kind: _Kind, zones: Zones, cell_size: float) -> NDArray[np.bool_]:
+    """Return the cells on wide enough paths: between the goals of a kind, and to where it takes pellets."""
+    free, cells = zones != Zone.WALL, checks.cells_wide(kind.sheet, cell_size)
+    brings, takes = (zones == zone for zone in kind.goals)
+    own = passage(free, brings, takes, cells)
+    return own if kind.goals[0] == Zone.HOME else own | passage(free, zones == Zone.HOME, takes, cells)
 
 
 def _assembled(
     values: ArenaFile, sheets: _Sheets, zones: Zones, starts: Places, pellets: Places, text: str, file: str
 ) -> Arena:
-    wall = zones == Zone.WALL
+    wall, handover = zones == Zone.WALL, zones == Zone.HANDOVER
     walls = np.asarray(rectangles(wall) * values.cell_size, dtype=np.float64)
     for array in (zones, walls, starts, pellets):
         array.setflags(write=False)
@@ -182,6 +231,7 @@ def _assembled(
         walls=walls,
         distances=distance_field(~wall, zones == Zone.HOME, zones == Zone.SOURCE, values.cell_size),
         tunnel_length=tunnel_length(zones == Zone.TUNNEL, ~wall),
+        handover=distances_to((handover,), ~wall, values.cell_size) if handover.any() else None,
         capacity=len(starts),
         start_places=starts,
         pellet_places=pellets,

@@ -11,6 +11,7 @@ from pydantic_core import ErrorDetails
 from robosim.arena.model import PelletSheet, Timing
 from robosim.errors import nearest_names, shown
 from robosim.robot.sheet import BodyShape, RobotSheet
+from robosim.robot.team import RoleName
 
 _ROBOT, _PELLETS, _TIMING = RobotSheet(), PelletSheet(), Timing()
 
@@ -66,6 +67,7 @@ class GroupSection(_Strict):
         pattern=r"^\w[\w -]*$",
         description="1 to 60 letters, digits, spaces, dashes or underscores",
     )
+    role: RoleName = Field(default="all-round", description='"all-round", "excavator" or "transporter"')
     count: int = _count(1, 1, 100)
     robot: RobotSection = Field(RobotSection(), description="a table")
     """Keys in which these robots differ from the table [robot]."""

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from robosim.arena import Arena as ArenaData
+    from robosim.robot.sheet import RobotSheet
+    from robosim.robot.team import Group
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,12 @@ class Arena:
         self.do.run()
 
 
-_STYLES = {"#": "white on bright_black", "H": "black on bright_cyan", "S": "black on bright_yellow"}
+_STYLES = {
+    "#": "white on bright_black",
+    "H": "black on bright_cyan",
+    "S": "black on bright_yellow",
+    "X": "black on bright_magenta",
+}
 _WIDTH_PIPED = 220
 """Wider than any map, so that nothing that is piped is wrapped."""
 
@@ -162,24 +169,44 @@ def _show(arena: ArenaData, console: Console) -> None:
     for line in drawing(arena):
         coloured = Text.assemble(*((character, _STYLES.get(character, "default")) for character in line))
         console.print(coloured, soft_wrap=True)
-    console.print("# wall  . floor  H home  S source  T tunnel\n")
+    handover = "  X hand-over" if arena.handover is not None else ""
+    console.print(f"# wall  . floor  H home  S source  T tunnel{handover}\n")
     table = Table.grid(padding=(0, 2))
     for name, value in _facts(arena):
         table.add_row(name, value)
     console.print(table)
 
 
+def _sheet_facts(name: str, robot: RobotSheet) -> list[tuple[str, str]]:
+    """Say in words what a data sheet holds."""
+    extent = f"{robot.length} m" if robot.shape == "circle" else f"{robot.length} x {robot.width} m"
+    return [
+        (name, f"{robot.shape} of {extent}, {robot.mass} kg"),
+        ("", f"top speed {robot.top_speed:.3g} m/s, top turn rate {robot.top_turn_rate:.3g} rad/s"),
+        (
+            "",
+            f"wheels {robot.wheel_radius} m in radius, {robot.wheel_base} m apart, traction {robot.traction}",
+        ),
+        ("", f"gripper reaches {robot.gripper_reach} m and holds {robot.grip_force} N"),
+    ]
+
+
+def _group_facts(group: Group) -> list[tuple[str, str]]:
+    """Say in words what a group of the team is."""
+    share = f"{group.role}, {group.count} at a time as robots are dealt out to the groups"
+    return [(group.name, share), *_sheet_facts("", group.sheet)]
+
+
 def _facts(arena: ArenaData) -> list[tuple[str, str]]:
     """Say in words what the arena holds: (what, text) of each line."""
     width, height = arena.size
-    robot, pellets, timing = arena.robot, arena.pellets, arena.timing
+    pellets, timing = arena.pellets, arena.timing
     to_home, to_source = arena.distances.raster[..., 0], arena.distances.raster[..., 1]
     start = (
         f"{len(arena.start.poses)} given poses"
         if arena.start.poses
         else f"the {arena.start.zone.name.lower()}"
     )
-    extent = f"{robot.length} m" if robot.shape == "circle" else f"{robot.length} x {robot.width} m"
     facts = [
         (
             "size",
@@ -188,13 +215,8 @@ def _facts(arena: ArenaData) -> list[tuple[str, str]]:
         ("tunnel", f"{arena.tunnel_length} cells: {arena.tunnel_length * arena.cell_size:.2f} m long"),
         ("home to source", f"{to_source[to_home == 0.0].min():.2f} m at least"),
         ("robots", f"up to {arena.capacity}, starting from {start}"),
-        ("robot", f"{robot.shape} of {extent}, {robot.mass} kg"),
-        ("", f"top speed {robot.top_speed:.3g} m/s, top turn rate {robot.top_turn_rate:.3g} rad/s"),
-        (
-            "",
-            f"wheels {robot.wheel_radius} m in radius, {robot.wheel_base} m apart, traction {robot.traction}",
-        ),
-        ("", f"gripper reaches {robot.gripper_reach} m and holds {robot.grip_force} N"),
+        *(_sheet_facts("robot", arena.robot) if not arena.groups else ()),
+        *(fact for group in arena.groups for fact in _group_facts(group)),
         ("pellets", f"{pellets.count} of radius {pellets.radius} m, {pellets.mass} kg"),
         ("", f"friction {pellets.friction}, cohesion {pellets.cohesion} N"),
         ("decision", f"every {timing.decision_period} s, {timing.episode_steps} in an episode"),

@@ -19,7 +19,7 @@ from robosim.envs.config import EnvConfig
 from robosim.envs.profile import ProfileConfig
 from robosim.errors import InputError, shown
 from robosim.records import Many, Record
-from robosim.robot.team import Group
+from robosim.robot.team import Group, RoleName
 from robosim.world.factory import WorldKind
 
 if TYPE_CHECKING:
@@ -51,6 +51,8 @@ class GroupCard(Record):
     """Robots of a team that are alike."""
 
     name: str = Field(max_length=60)
+    role: RoleName
+    """What part of the work they do."""
     count: int = Field(ge=1, le=100)
     """Robots that it gets whenever robots are dealt out to the groups in turn."""
     robot: RobotSection
@@ -263,7 +265,8 @@ def arena_card(arena: Arena) -> ArenaCard:
 
 
 def _group_card(group: Group) -> GroupCard:
-    return GroupCard(name=group.name, count=group.count, robot=RobotSection(**asdict(group.sheet)))
+    sheet = RobotSection(**asdict(group.sheet))
+    return GroupCard(name=group.name, role=group.role, count=group.count, robot=sheet)
 
 
 def fingerprint(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.arena.model import Arena, Zone
+from robosim.arena.model import GOALS, Arena, Zone
 from robosim.control.routes import INBOUND, OUTBOUND, Routes, plan_routes
 from robosim.control.seek import (
     Bools,
@@ -16,10 +16,12 @@ from robosim.control.seek import (
     Integers,
     cells_of,
     moves_blocked_by_robots,
+    pellets_to_take,
     require_cardinal,
     toward_pellets,
 )
 from robosim.robot.drivers import CARDINAL_STEPS, STOP
+from robosim.robot.team import Role
 
 if TYPE_CHECKING:
     from robosim.envs.vector import VectorEnv
@@ -50,6 +52,9 @@ class LanesController:
         if env.arena is not self._arena:
             self._arena = env.arena
             self._routes = plan_routes(env.arena)
+        team = env.world.team
+        self._first = 2 * team.group
+        self._takes = np.array([GOALS[Role(role)][1] for role in team.role])
         shape = (env.num_envs, env.robots)
         self._waited = np.zeros(shape, dtype=np.int64)
         self._backing = np.zeros(shape, dtype=np.int64)
@@ -70,15 +75,14 @@ class LanesController:
         if routes.gates:
             heading_out = self._follow_convoy(row, column, heading_out)
         steps = CARDINAL_STEPS[:4]
-        cost = routes.cost[
-            heading_out[..., None], row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]
-        ]
+        way = heading_out + self._first
+        cost = routes.cost[way[..., None], row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
         # A long robot that turns in a tunnel wedges itself, so it keeps to the row that it is in.
-        axis = routes.axis[heading_out, row, column]
+        axis = routes.axis[way, row, column]
         cost = np.where((axis[..., None] >= 0) & (np.arange(4) != axis[..., None]), np.inf, cost)
-        here = routes.cost[heading_out, row, column]
+        here = routes.cost[way, row, column]
         blocked = moves_blocked_by_robots(env)
-        in_source = (routes.zones[row, column] == Zone.SOURCE) & (heading_out == INBOUND)
+        in_source = (routes.zones[row, column] == self._takes) & (heading_out == INBOUND)
         if in_source.any():
             cost = toward_pellets(env, in_source, cell, cost)
         wish = np.where(blocked, np.inf, cost)
@@ -89,6 +93,9 @@ class LanesController:
         may_pass = (chosen == best) | (routes.zones[row, column] != Zone.TUNNEL)
         passable = may_pass & ((least <= here) | in_source) & np.isfinite(least)
         action = np.where(passable, chosen, STOP)
+        if not env.world.team.all_round:
+            # Who waits to be handed something stands still.
+            action[in_source & ~pellets_to_take(env).any(axis=2)] = STOP
         if routes.gates:
             self._hold_at_gates(row, column, heading_out, best, action)
             self._clear_mouths(row, column, blocked, action)
@@ -167,7 +174,8 @@ class LanesController:
         inside = routes.gate[row, column]
         near = np.maximum(routes.gate[ahead_row, ahead_column], routes.mouth[ahead_row, ahead_column])
         coming = (inside < 0) & (near >= 0) & (routes.zones[row, column] != Zone.TUNNEL)
-        closer = routes.cost[heading_out, ahead_row, ahead_column] < routes.cost[heading_out, row, column]
+        way = heading_out + self._first
+        closer = routes.cost[way, ahead_row, ahead_column] < routes.cost[way, row, column]
         # A robot that has just left the tunnel is near the mouth too, but its route leads off from it.
         entering = coming & closer & (self._tunnel_ahead(row, column, heading_out))
         self._waiting = np.zeros(action.shape, dtype=np.bool_)
@@ -194,7 +202,8 @@ class LanesController:
     def _tunnel_ahead(self, row: Integers, column: Integers, heading_out: Integers) -> Bools:
         """Return whose goal lies beyond the tunnel: the source for inbound, the home for outbound robots."""
         routes = self._routes
-        near_home = routes.cost[OUTBOUND, row, column] < routes.cost[INBOUND, row, column]
+        out, into = (routes.cost[self._first + one, row, column] for one in (OUTBOUND, INBOUND))
+        near_home = out < into
         return np.asarray(np.where(heading_out == INBOUND, near_home, ~near_home))
 
 

@@ -82,7 +82,9 @@ def _facts(card: PolicyCard, team: Team) -> Iterator[tuple[str, object, object]]
     if card.arena.groups is None and here.groups is None:
         yield from _sheets("robot", card.arena.robot, here.robot)
         return
-    trained, given = ([(one.name, one.count) for one in part.groups or ()] for part in (card.arena, here))
+    trained, given = (
+        [(one.name, one.role, one.count) for one in part.groups or ()] for part in (card.arena, here)
+    )
     yield "groups of robots", trained, given
     for one, other in zip(card.arena.groups or (), here.groups or (), strict=False):
         yield from _sheets(f"robot of {one.name}", one.robot, other.robot)

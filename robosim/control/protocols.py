@@ -22,6 +22,7 @@ from robosim.control.seek import (
     Integers,
     cells_of,
     moves_blocked_by_robots,
+    require_all_round,
     require_cardinal,
     toward_pellets,
 )
@@ -72,6 +73,7 @@ class ActiveController:
 
     def reset(self, env: VectorEnv) -> None:
         require_cardinal(self.name, env)
+        require_all_round(self.name, env)
         if env.arena is not self._arena:
             self._arena = env.arena
             self._zones = np.pad(env.arena.zones, 1, constant_values=int(Zone.WALL))
@@ -235,7 +237,10 @@ def _costs_to_goals(arena: Arena, zones: NDArray[np.uint8]) -> Floats:
     `ASIDE`, which is inf outside the home too, less the distance to the source in m.
     """
     free, home = zones != Zone.WALL, zones == Zone.HOME
-    fee = np.where(cramped_cells(arena, free) & (zones != Zone.TUNNEL), NEAR_WALL_COST, 1.0)
+    largest = max((group.sheet for group in arena.team(1).groups), key=lambda sheet: sheet.outer_radius)
+    fee = np.where(
+        cramped_cells(largest, arena.cell_size, free) & (zones != Zone.TUNNEL), NEAR_WALL_COST, 1.0
+    )
     rows, columns = zones.shape
     middles = np.stack(np.meshgrid(np.arange(columns) - 0.5, np.arange(rows) - 0.5), axis=2)
     to_source = arena.distances.sample(middles * arena.cell_size)[..., 1]

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.geometry import components
-from robosim.arena.model import Arena, Zone
+from robosim.arena.model import GOALS, Arena, Zone
 from robosim.robot.drivers import CARDINAL_STEPS
+from robosim.robot.sheet import RobotSheet
+from robosim.robot.team import ROLES, Group
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -35,10 +37,11 @@ class Routes:
     """Where to go from every cell, on a grid padded by one wall on each side."""
 
     cost: Floats
-    """[2, rows + 2, columns + 2] cost to the source (inbound) and to the home (outbound); inf in walls."""
+    """[2 * groups, rows + 2, columns + 2] for each group, cost to where it takes pellets, the source for most
+    (inbound), and to where it brings them, the home (outbound); inf in walls."""
     axis: Integers
-    """[2, rows + 2, columns + 2] the action that follows a tunnel inbound and outbound; -1 outside tunnels,
-    and everywhere for robots that can turn on the spot in a tunnel."""
+    """[2 * groups, rows + 2, columns + 2] the action that follows a tunnel inbound and outbound; -1 outside
+    tunnels, and everywhere for robots that can turn on the spot in a tunnel."""
     zones: NDArray[np.uint8]
     """[rows + 2, columns + 2]."""
     gate: Integers
@@ -55,48 +58,62 @@ def plan_routes(arena: Arena) -> Routes:
     """Work out lanes: to the right in a wide tunnel; one direction for each of several where that helps."""
     zones = np.pad(arena.zones, 1, constant_values=int(Zone.WALL))
     free = zones != Zone.WALL
-    to_source = costs_to(free, zones == Zone.SOURCE, np.ones(zones.shape))
-    to_home = costs_to(free, zones == Zone.HOME, np.ones(zones.shape))
+    team = arena.team(1)
     tunnels = components(zones == Zone.TUNNEL)
     count = int(tunnels.max()) + 1
     narrow = [_is_narrow(tunnels == tunnel, free) for tunnel in range(count)]
-    fee = np.ones((2, *zones.shape))
-    fee[:, cramped_cells(arena, free) & (zones != Zone.TUNNEL)] = NEAR_WALL_COST
-    shared = list(range(count))
-    if count > 1 and any(narrow):
-        # One tunnel in, the others out: nobody meets anybody.
-        first = min(shared, key=lambda tunnel: float(to_source[tunnels == tunnel].min()))
-        for tunnel in range(count):
-            fee[OUTBOUND if tunnel == first else INBOUND][tunnels == tunnel] = WRONG_LANE_COST
-        shared = []
-    for tunnel in shared:
-        if not narrow[tunnel]:
-            _mark_lanes(fee, tunnels == tunnel, free, to_source, to_home)
+    # One tunnel in, the others out: nobody meets anybody. Where each role has its own way, tunnels may lie
+    # one behind the other.
+    one_way = count > 1 and any(narrow) and all(group.role == "all-round" for group in team.groups)
+    shared = [] if one_way else list(range(count))
+    ways = [_ways(arena, group, zones, tunnels, narrow, one_way) for group in team.groups]
     gate = np.full(zones.shape, -1)
     gates = 0
     for tunnel in shared:
         if narrow[tunnel]:
             gate[tunnels == tunnel] = gates
             gates += 1
-    cost = np.stack(
-        [
-            costs_to(free, zones == Zone.SOURCE, fee[INBOUND]),
-            costs_to(free, zones == Zone.HOME, fee[OUTBOUND]),
-        ]
-    )
     mouth = _mouths(gate, free, costs_to(free, gate >= 0, _straight_ahead_is_near(gate, free)))
     aside = costs_to(free, free & (gate < 0) & (mouth < 0), np.ones(zones.shape))
-    axis = np.full((2, *zones.shape), -1)
-    if arena.robot.shape != "circle":
-        for direction, plain in ((INBOUND, to_source), (OUTBOUND, to_home)):
-            for row, column in np.argwhere(zones == Zone.TUNNEL).tolist():
-                axis[direction, row, column] = _downhill(plain, row, column)
+    cost, axis = (np.concatenate(parts) for parts in zip(*ways, strict=True))
     return Routes(cost, axis, zones, gate, mouth, aside, gates)
 
 
-def cramped_cells(arena: Arena, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _ways(
+    arena: Arena,
+    group: Group,
+    zones: NDArray[np.uint8],
+    tunnels: Integers,
+    narrow: list[bool],
+    one_way: bool,
+) -> tuple[Floats, Integers]:
+    """Return cost and axis of a group, [2, rows + 2, columns + 2] each, as `Routes` holds them."""
+    free = zones != Zone.WALL
+    brings, takes = (zones == goal for goal in GOALS[ROLES[group.role]])
+    to_source = costs_to(free, takes, np.ones(zones.shape))
+    to_home = costs_to(free, brings, np.ones(zones.shape))
+    fee = np.ones((2, *zones.shape))
+    fee[:, cramped_cells(group.sheet, arena.cell_size, free) & (zones != Zone.TUNNEL)] = NEAR_WALL_COST
+    if one_way:
+        first = min(range(len(narrow)), key=lambda tunnel: float(to_source[tunnels == tunnel].min()))
+        for tunnel in range(len(narrow)):
+            fee[OUTBOUND if tunnel == first else INBOUND][tunnels == tunnel] = WRONG_LANE_COST
+    else:
+        for tunnel in range(len(narrow)):
+            if not narrow[tunnel]:
+                _mark_lanes(fee, tunnels == tunnel, free, to_source, to_home)
+    cost = np.stack([costs_to(free, takes, fee[INBOUND]), costs_to(free, brings, fee[OUTBOUND])])
+    axis = np.full((2, *zones.shape), -1)
+    if group.sheet.shape != "circle":
+        for direction, plain in ((INBOUND, to_source), (OUTBOUND, to_home)):
+            for row, column in np.argwhere(zones == Zone.TUNNEL).tolist():
+                axis[direction, row, column] = _downhill(plain, row, column)
+    return cost, axis
+
+
+def cramped_cells(sheet: RobotSheet, cell_size: float, free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the cells at whose centre a robot is too near to a wall to turn on the spot."""
-    if arena.robot.outer_radius <= 0.5 * arena.cell_size:
+    if sheet.outer_radius <= 0.5 * cell_size:
         return np.zeros_like(free)
     cramped = np.zeros_like(free)
     for step_x, step_y in CARDINAL_STEPS[:4].tolist():

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.arena.model import GOALS
 from robosim.errors import InputError
 from robosim.robot.drivers import CARDINAL_STEPS
+from robosim.robot.team import Role
 from robosim.world.state import PelletStatus
 
 if TYPE_CHECKING:
@@ -33,6 +35,12 @@ def require_cardinal(name: str, env: VectorEnv) -> None:
         )
 
 
+def require_all_round(name: str, env: VectorEnv) -> None:
+    """Raise InputError for a team in which controller `name` does not know every robot's part."""
+    if not env.world.team.all_round:
+        raise InputError(f"{name}: knows of no roles, and the robots here dig or transport; `lanes` does.")
+
+
 def cells_of(env: VectorEnv) -> Integers:
     """Return (column, row) of the robots' cells on a map padded by one wall, [envs, robots, 2]."""
     place = env.world.state.pose[..., :2]
@@ -51,6 +59,20 @@ def moves_blocked_by_robots(env: VectorEnv) -> Bools:
     across = np.abs(apart[..., None, 0] * steps[:, 1] - apart[..., None, 1] * steps[:, 0])
     ahead = (along > 0.0) & (along < (1.0 + KEEP_AHEAD) * width + 2.0 * env.arena.pellets.radius)
     return np.asarray((ahead & (across < SHOULDER * width)).any(axis=2))
+
+
+def pellets_to_take(env: VectorEnv) -> Bools:
+    """Return which loose pellets are a robot's affair, [envs, robots, pellets].
+
+    [envs, 1, pellets] where all are everybody's.
+    """
+    state, team, arena = env.world.state, env.world.team, env.arena
+    loose = (state.pellet_status == PelletStatus.LOOSE)[:, None]
+    if team.all_round:
+        return np.asarray(loose)
+    column, row = np.moveaxis((state.pellets * (1.0 / arena.cell_size)).astype(np.int64), 2, 0)
+    takes = np.array([GOALS[Role(role)][1] for role in team.role])
+    return np.asarray(loose & (arena.zones[row, column][:, None] == takes[:, None]))
 
 
 def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats) -> Floats:
@@ -72,7 +94,9 @@ def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats)
     along = np.einsum("mac,mpc->map", direction, apart)
     across = np.abs(direction[..., 0:1] * apart[:, None, :, 1] - direction[..., 1:2] * apart[:, None, :, 0])
     sweep = 0.8 * (_of(robots, sheet.gripper_reach, env) + env.arena.pellets.radius)
-    loose = (state.pellet_status[envs] == PelletStatus.LOOSE)[:, None]
+    loose = np.broadcast_to(pellets_to_take(env), (*seekers.shape, state.pellets.shape[1]))[
+        envs, robots, None
+    ]
     there = np.where(loose & (along > 0.0) & (across < sweep[:, None, None]), along, np.inf).min(axis=2)
     # Turning costs the distance that the robot could drive in the same time.
     along_heading = direction[..., 0] * np.cos(pose[:, 2:]) + direction[..., 1] * np.sin(pose[:, 2:])
@@ -85,6 +109,11 @@ def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats)
     changed = cost.copy()
     changed[envs, robots] = np.where(np.isfinite(cost[envs, robots]), there, np.inf)
     return changed
+
+
+def _of_seekers(pellets: Bools, envs: Integers, robots: Integers) -> Bools:
+    """Return rows [n, 1, pellets] of `pellets` [envs, robots or 1, pellets]."""
+    return pellets[envs, robots if pellets.shape[1] > 1 else 0, None]
 
 
 def _of(robots: Integers, value: Floats | float, env: VectorEnv) -> Floats:
@@ -109,7 +138,9 @@ def _toward_cells_with_pellets(env: VectorEnv, seekers: Bools, cell: Integers, c
     around = cell[envs, robots][:, None] + CARDINAL_STEPS[:4]
     pellets = np.floor(state.pellets[envs] * (1.0 / env.arena.cell_size)).astype(np.int64) + 1
     apart = np.abs(around[:, :, None] - pellets[:, None]).sum(axis=3).astype(np.float64)
-    loose = (state.pellet_status[envs] == PelletStatus.LOOSE)[:, None]
+    loose = np.broadcast_to(pellets_to_take(env), (*seekers.shape, state.pellets.shape[1]))[
+        envs, robots, None
+    ]
     there = np.where(loose, apart, np.inf).min(axis=2, initial=1e3)
     heading = state.pose[envs, robots, 2, None]
     there -= 0.1 * (np.cos(heading) * CARDINAL_STEPS[:4, 0] + np.sin(heading) * CARDINAL_STEPS[:4, 1])

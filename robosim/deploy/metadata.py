@@ -10,6 +10,7 @@ from robosim.arena import parse_arena
 from robosim.arena.model import Arena
 from robosim.control.card import PolicyCard
 from robosim.discretise.dec_pomdp import SIGHT
+from robosim.discretise.goals import Goals
 from robosim.discretise.modes import Mode
 from robosim.discretise.observation import COLLISIONS_FULL, IN_PLACE_CYCLE
 from robosim.robot.drivers import ACTION_NAMES
@@ -63,7 +64,7 @@ class _Units:
 
     def __init__(self, card: PolicyCard, arena: Arena) -> None:
         width, height = arena.size
-        farthest = float(arena.distances.raster.max())
+        farthest = Goals(arena, arena.team(card.robots)).farthest
         cell = arena.cell_size
         sight = SIGHT * cell
         self._exact: dict[str, tuple[str, float]] = {

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
+from robosim.discretise.goals import distances_of
+from robosim.robot.team import Role
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -63,14 +65,15 @@ class Grid:
         return np.asarray(self._per_length.take(cell).sum(axis=1))
 
 
-def gain_table(grid: Grid, arena: Arena) -> Floats:
-    """Return how much nearer the neighbours of each cell are to the goals, [cells, 8], in cells, -1 to 1.
+def gain_table(grid: Grid, arena: Arena, role: Role = Role.ALL_ROUND) -> Floats:
+    """Return how much nearer a cell's neighbours are to the goals of a role, [cells, 8], in cells, -1 to 1.
 
-    To home for the neighbours N, S, W and E, then to the source; a wall counts as -1.
+    To where pellets are brought for the neighbours N, S, W and E, then to where they are taken; a wall
+    counts as -1.
     """
     rows, columns = np.indices(grid.shape) - grid.margin
     centres: Floats = (np.stack([columns, rows], axis=-1) + np.float64(0.5)) * grid.cell_size
-    distance = arena.distances.sample(centres) * (1.0 / grid.cell_size)
+    distance = distances_of(role, arena, centres) * (1.0 / grid.cell_size)
     distance[~grid.free] = np.inf
     flat = distance.reshape(-1, 2)
     table = np.full((grid.size, 2, 4), -1.0)

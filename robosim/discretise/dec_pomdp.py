@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.discretise.cells import Grid, gain_table
+from robosim.discretise.goals import Goals
 from robosim.discretise.location import Location, Locator
 from robosim.discretise.modes import Mode, gripper_commands, modes
 from robosim.discretise.noise import EXACT_READING, Reader, ReadingConfig
@@ -22,6 +23,7 @@ from robosim.discretise.reward import RewardConfig
 from robosim.discretise.sensing import ExactSensor, Percept, Sensor
 from robosim.discretise.truth import Bools, Motion, Truth, encounters
 from robosim.robot.drivers import STOP
+from robosim.robot.team import Role
 from robosim.world.state import LOOSE, Setting, WorldState
 
 COLLISION = np.uint8(Mode.COLLISION)
@@ -66,17 +68,21 @@ class DecPomdp:
         self._reader = None if reading == EXACT_READING or not layout.patch else Reader(reading)
         self._patch = np.empty(0, dtype=np.float32)
         self._kind = np.eye(len(setting.team.groups), dtype=np.float32)[setting.team.group]
-        self._locator = Locator(setting, self.grid)
+        team = setting.team
+        self._role = 0 if team.all_round else team.role
+        goals = Goals(arena, team)
+        self._locator = Locator(setting, self.grid, goals)
         self._percept: Percept
         self._true: Location
         self._seen: Location
-        self._gains = gain_table(self.grid, arena)
-        self._surroundings = Surroundings(self.grid, arena.distances, setting.team)
+        roles = [Role.ALL_ROUND] if team.all_round else list(Role)
+        self._gains = np.concatenate([gain_table(self.grid, arena, role) for role in roles])
+        self._surroundings = Surroundings(self.grid, goals, team)
         self._first_pellet = arena.pellets.count * np.arange(num_envs)[:, None]
         width, height = arena.size
         self._per_size = np.array([1.0 / width, 1.0 / height])
         self._per_sight = 1.0 / (SIGHT * arena.cell_size)
-        self._per_farthest = 1.0 / float(arena.distances.raster.max())
+        self._per_farthest = 1.0 / goals.farthest
 
     def reset(self, state: WorldState, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment from the worlds' state; sensors draw from `seeds`."""
@@ -127,7 +133,7 @@ class DecPomdp:
         self.density = self.grid.tunnel_density(self._true.cell)
         self._seen = self._true if percept.pose is state.pose else self._locator.locate(percept.pose)
         self._was_mode = self.mode
-        self.mode = modes(self.grid.zones.take(self._seen.cell), percept.laden, percept.at_pellet)
+        self.mode = modes(self.grid.zones.take(self._seen.cell), percept.laden, percept.at_pellet, self._role)
 
     def _motion(self, before: Location, now: Location) -> Motion:
         locator = self._locator
@@ -207,7 +213,7 @@ class DecPomdp:
         if layout.own_frame:
             return self._surroundings.look(seen)
         free = self.grid.free_neighbours(seen.cell) if layout.neighbours else None
-        return free, self._gains.take(seen.cell, axis=0)
+        return free, self._gains.take(seen.cell + self.grid.size * self._role, axis=0)
 
     def _pellet_in_sight(self) -> NDArray[np.float64]:
         """Return whether a loose pellet is within `SIGHT`, and where from the robot, [envs, robots, 3]."""

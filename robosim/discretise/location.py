@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.discretise.cells import Grid
+from robosim.discretise.goals import Goals
 from robosim.world.state import Setting
 
 Floats = NDArray[np.float64]
@@ -31,15 +32,16 @@ class Location(NamedTuple):
     cell: Integers
     """[envs, robots] flat index in the `Grid`."""
     distances: Floats
-    """[envs, robots, 2] to home and source, m."""
+    """[envs, robots, 2] to where the robot brings pellets, and to where it takes them, m: to home and source
+    for one that does all the work."""
 
 
 class Locator:
     """Finds robots on the map of one world."""
 
-    def __init__(self, setting: Setting, grid: Grid) -> None:
+    def __init__(self, setting: Setting, grid: Grid, goals: Goals) -> None:
         self._grid = grid
-        self._distances = setting.arena.distances
+        self._distances = goals
         self._least_square = (BLOCKED_SHARE * setting.travel) ** 2
         self._least_turn = BLOCKED_SHARE * setting.turn
 

@@ -7,7 +7,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.arena.model import Zone
+from robosim.arena.model import GOALS, Zone
+from robosim.robot.team import Role
 from robosim.world.state import Gripper
 
 
@@ -24,18 +25,28 @@ class Mode(IntEnum):
     """Overlays the others while the robot is blocked."""
 
 
-_LADEN = np.full(len(Zone), Mode.GOING_HOME, dtype=np.uint8)
-_LADEN[Zone.SOURCE] = Mode.EXIT_DIGGING
-_LADEN[Zone.HOME] = Mode.DUMPING
-_UNLADEN = np.full(len(Zone), Mode.GOING_TO_DIG, dtype=np.uint8)
-_UNLADEN[Zone.SOURCE] = Mode.DIGGING
-_UNLADEN[Zone.HOME] = Mode.EXIT_HOME
-# A loose pellet at the gripper, outside the home, is dug where it lies.
-_UNLADEN_TOUCHING = _UNLADEN.copy()
-_UNLADEN_TOUCHING[Zone.FLOOR] = Mode.DIGGING
-_UNLADEN_TOUCHING[Zone.TUNNEL] = Mode.DIGGING
-_MODES = np.stack([_UNLADEN, _UNLADEN_TOUCHING, _LADEN, _LADEN]).ravel()
-_LADEN_ROW, _TOUCHING_ROW = 2 * len(Zone), len(Zone)
+Integers = NDArray[np.int64]
+
+
+def _modes_of(role: Role) -> NDArray[np.uint8]:
+    """Return the modes [unladen, unladen with a loose pellet at the gripper, laden, laden] by zone."""
+    brings, takes = GOALS[role]
+    laden = np.full(len(Zone), Mode.GOING_HOME, dtype=np.uint8)
+    laden[takes] = Mode.EXIT_DIGGING
+    laden[brings] = Mode.DUMPING
+    unladen = np.full(len(Zone), Mode.GOING_TO_DIG, dtype=np.uint8)
+    unladen[takes] = Mode.DIGGING
+    unladen[brings] = Mode.EXIT_HOME
+    # A loose pellet at the gripper is dug where it lies, unless that zone is the affair of others.
+    touching = unladen.copy()
+    touching[[Zone.FLOOR, Zone.TUNNEL]] = Mode.DIGGING
+    if role == Role.ALL_ROUND:
+        touching[Zone.HANDOVER] = Mode.DIGGING
+    return np.stack([unladen, touching, laden, laden])
+
+
+_MODES = np.stack([_modes_of(role) for role in Role]).ravel()
+_TOUCHING_ROW, _LADEN_ROW, _ROLE_ROW = len(Zone), 2 * len(Zone), 4 * len(Zone)
 
 _GRIPPERS = np.full(len(Mode), Gripper.KEEP, dtype=np.int8)
 _GRIPPERS[Mode.DIGGING] = Gripper.TAKE
@@ -43,14 +54,17 @@ _GRIPPERS[Mode.DUMPING] = Gripper.OPEN
 
 
 def modes(
-    zone: NDArray[np.uint8], laden: NDArray[np.bool_], touching: NDArray[np.bool_]
+    zone: NDArray[np.uint8],
+    laden: NDArray[np.bool_],
+    touching: NDArray[np.bool_],
+    role: Integers | int = 0,
 ) -> NDArray[np.uint8]:
     """Return the modes, without collisions, of robots that are in `zone`.
 
     `laden` says that a robot holds a pellet, `touching` that its gripper touches a loose one; all
-    arrays have the same shape.
+    arrays have the same shape, [..., robots]. `role` is the robots' `Role`, of all or [robots].
     """
-    return _MODES.take(_LADEN_ROW * laden + _TOUCHING_ROW * touching + zone)
+    return _MODES.take(_LADEN_ROW * laden + _TOUCHING_ROW * touching + zone + _ROLE_ROW * role)
 
 
 def gripper_commands(mode: NDArray[np.uint8]) -> NDArray[np.int8]:

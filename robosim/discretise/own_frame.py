@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.arena.distance import DistanceField
 from robosim.discretise.cells import Grid
+from robosim.discretise.goals import Goals
 from robosim.discretise.location import Location
 from robosim.robot.team import Team
 
@@ -27,10 +27,10 @@ def turned(apart: Floats, heading: Floats) -> Floats:
 class Surroundings:
     """Looks one cell to each side of robots: whether they could stand there, and what they would gain."""
 
-    def __init__(self, grid: Grid, distances: DistanceField, team: Team) -> None:
+    def __init__(self, grid: Grid, goals: Goals, team: Team) -> None:
         self._grid = grid
         self._free = grid.free.ravel()
-        self._distances = distances
+        self._distances = goals
         self._least_square = team.reach[:, None] ** 2
         self._per_cell = 1.0 / grid.cell_size
         self._steps = _STEPS * grid.cell_size

@@ -54,9 +54,9 @@ class RewardConfig(Record):
     collision: float = Field(default=-2.0, ge=-_LARGEST, le=_LARGEST)
     """r_c: for touching another robot under way, unladen."""
     pickup: float = Field(default=50.0, ge=-_LARGEST, le=_LARGEST)
-    """r_p: for taking a pellet that nobody has been paid for."""
+    """r_p: for taking a pellet that nobody has been paid for; for a transporter, in the hand-over."""
     delivery: float = Field(default=50.0, ge=-_LARGEST, le=_LARGEST)
-    """r_s: for a pellet brought home."""
+    """r_s: for a pellet brought home; for an excavator, for one handed over."""
     distance_weight: float = Field(default=0.2, ge=0, le=_LARGEST)
     """w_d."""
     collision_weight: float = Field(default=0.2, ge=0, le=_LARGEST)

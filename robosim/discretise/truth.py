@@ -7,12 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.arena.model import Zone
 from robosim.discretise.location import Location
 from robosim.discretise.reward import RewardConfig, rewards
 from robosim.robot.drivers import STOP
+from robosim.robot.team import Role
 from robosim.world.contacts import ContactKind
 from robosim.world.spacing import to_nearest
-from robosim.world.state import Setting, WorldState
+from robosim.world.state import ABSENT, Setting, WorldState
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -54,14 +56,28 @@ class Truth:
         """[envs, robots] touched another robot while under way in the last decision."""
         self.blocked: Bools = np.zeros(shape, dtype=np.bool_)
         """[envs, robots] under way, in touch with something, and hardly moved in the last decision."""
+        self.handed_over: Integers = np.zeros(shape, dtype=np.int64)
+        """[envs, robots] pellets that excavators handed over for the first time in the last decision."""
+        self.hands_over = (setting.team.role == Role.EXCAVATOR) if setting.team.role.any() else None
+        """[robots] who hands over; None where everybody does all the work."""
+        self._was_held: Integers = np.full(shape, -1)
         self._laden: Bools = np.zeros(shape, dtype=np.bool_)
-        self._paid = np.zeros((setting.num_envs, setting.arena.pellets.count), dtype=np.bool_)
+        legs = 1 if setting.team.all_round else 2
+        self._leg = legs // 2 * (setting.team.role == Role.TRANSPORTER)
+        self._paid = np.zeros((legs, setting.num_envs, setting.arena.pellets.count), dtype=np.bool_)
+        """[legs, envs, pellets] somebody has been paid for taking it in the source, or in the hand-over."""
+        self._handed = np.zeros(self._paid.shape[1:], dtype=np.bool_)
+        """[envs, pellets] somebody has been paid for handing it over."""
+        self._zones, self._per_cell = setting.arena.zones, 1.0 / setting.arena.cell_size
 
     def reset(self, state: WorldState) -> None:
         """Begin an episode in every environment."""
         self.collided = np.zeros_like(self.collided)
         self.blocked = np.zeros_like(self.blocked)
         self._laden = state.held >= 0
+        self.handed_over = np.zeros_like(self.handed_over)
+        self._was_held = state.held.copy()
+        self._handed.fill(False)
         self._paid.fill(False)
 
     def judge(
@@ -72,26 +88,53 @@ class Truth:
         was_laden, self._laden = self._laden, state.held >= 0
         gained = before.distances - now.distances
         toward_goal = np.where(was_laden, gained[..., 0], gained[..., 1])
+        pickups = self._first_pickups(state)
+        deliveries = state.deliveries
+        if self.hands_over is not None:
+            self.handed_over = self._first_handovers(state, self.hands_over)
+            deliveries = np.where(self.hands_over, self.handed_over, deliveries)
         return rewards(
             self._reward,
             gained=toward_goal * self._per_travel,
             collided=self.collided,
             laden=was_laden,
-            pickups=self._first_pickups(state),
-            deliveries=state.deliveries,
+            pickups=pickups,
+            deliveries=deliveries,
             idle=motion.displaced_little,
             touching=state.touched[ContactKind.ROBOT_ROBOT],
             nearest=None if self._reward.spacing is None else to_nearest(state.pose),
         )
 
     def _first_pickups(self, state: WorldState) -> Integers:
-        """Return which robots took a pellet that nobody has been paid for, and mark it as paid."""
+        """Return which robots took a pellet that nobody has been paid for, and mark it as paid.
+
+        Transporters are paid for taking what was handed over, whoever was paid for digging it.
+        """
         taken = state.picked >= 0
         first = taken.astype(np.int64)
-        self._paid[state.fresh] = False
+        self._paid[:, state.fresh] = False
         if np.count_nonzero(taken):
             envs, robots = np.nonzero(taken)
             pellets = state.picked[envs, robots]
-            first[envs, robots] = ~self._paid[envs, pellets]
-            self._paid[envs, pellets] = True
+            leg = self._leg[robots]
+            first[envs, robots] = ~self._paid[leg, envs, pellets]
+            self._paid[leg, envs, pellets] = True
         return first
+
+    def _first_handovers(self, state: WorldState, hands_over: Bools) -> Integers:
+        """Return which robots' pellets lie in the hand-over, or were taken there, for the first time.
+
+        That is what an excavator held before the decision and holds no more.
+        """
+        was_held, self._was_held = self._was_held, state.held.copy()
+        self._handed[state.fresh] = False
+        handed = np.zeros_like(self.handed_over)
+        envs, robots = np.nonzero(hands_over & (was_held >= 0) & (state.held != was_held))
+        if len(envs):
+            pellets = was_held[envs, robots]
+            column, row = (state.pellets[envs, pellets] * self._per_cell).astype(np.int64).T
+            there = self._zones[row, column] == Zone.HANDOVER
+            there &= state.pellet_status[envs, pellets] != ABSENT
+            handed[envs, robots] = there & ~self._handed[envs, pellets]
+            self._handed[envs, pellets] |= there
+        return handed

@@ -37,6 +37,7 @@ ZONES: dict[Zone, Colour] = {
     Zone.HOME: (212, 236, 214),
     Zone.SOURCE: (246, 224, 196),
     Zone.TUNNEL: (218, 226, 238),
+    Zone.HANDOVER: (238, 218, 236),
 }
 LOOSE_PELLET: Colour = (121, 85, 58)
 HELD_PELLET: Colour = (255, 128, 0)

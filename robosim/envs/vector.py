@@ -134,6 +134,8 @@ class VectorEnv:
         """Decisions in the current episode."""
         self.delivered = np.zeros((self.num_envs, self.robots), dtype=np.int64)
         """[envs, robots] pellets delivered by each robot in the current episode."""
+        self.handed_over = np.zeros((self.num_envs, self.robots), dtype=np.int64)
+        """[envs, robots] pellets that each robot handed over in the current episode."""
         self._reward = np.zeros((self.num_envs, self.robots), dtype=np.float32)
         self._history = np.empty((0, self.num_envs, self.robots), dtype=np.uint8)
 
@@ -176,6 +178,7 @@ class VectorEnv:
         self._dec.reset(self._world.state, sensing)
         self.steps_taken = 0
         self.delivered = np.zeros_like(self.delivered)
+        self.handed_over = np.zeros_like(self.handed_over)
         self._reward = np.zeros_like(self._reward)
         if len(self._history) < self.episode_steps:
             # Grows with use, for an episode may be set so long that it never ends.
@@ -205,6 +208,8 @@ class VectorEnv:
         world.step(chosen, dec.gripper_commands(), dec.believed)
         self._reward = dec.update(chosen, world.state).astype(np.float32)
         self.delivered = self.delivered + world.state.deliveries
+        if dec.truth.hands_over is not None:
+            self.handed_over = self.handed_over + dec.truth.handed_over
         self.steps_taken += 1
         final = dec.observe()
         # Before the next episode begins and clears them.

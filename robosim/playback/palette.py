@@ -60,6 +60,7 @@ ZONES: dict[Zone, Style] = {
     Zone.HOME: Style("HOME", (212, 236, 214)),
     Zone.SOURCE: Style("SOURCE", (246, 224, 196)),
     Zone.TUNNEL: Style("TUNNEL", (218, 226, 238)),
+    Zone.HANDOVER: Style("HAND-OVER", (238, 218, 236)),
 }
 
 ZONE_NAME: Colour = (222, 226, 234)

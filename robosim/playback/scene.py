@@ -204,7 +204,7 @@ def _zone_names(arena: Arena) -> tuple[list[tuple[float, float]], list[str]]:
     # A name is as high as text is, whatever the arena's scale, and hangs below its point.
     above = max(0.022 * width, 0.085 * height)
     places, names = [], []
-    for zone in (Zone.HOME, Zone.SOURCE, Zone.TUNNEL):
+    for zone in (Zone.HOME, Zone.SOURCE, Zone.TUNNEL, Zone.HANDOVER):
         cells = np.argwhere(arena.zones == zone)
         if len(cells) == 0:
             continue

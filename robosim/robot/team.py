@@ -127,6 +127,11 @@ class Team:
         """[robots] `Role` of each."""
         return np.array([ROLES[one.role] for one in self.groups], dtype=np.int64)[self.group]
 
+    @cached_property
+    def all_round(self) -> bool:
+        """Whether every robot does all the work."""
+        return not self.role.any()
+
     @property
     def names(self) -> tuple[str, ...]:
         """[robots] name of the group of each."""

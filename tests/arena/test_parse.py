@@ -94,7 +94,10 @@ MISTAKES = [
     (
         "TTTT",
         "TxTT",
-        'map row 4, column 5 is "x", but must be # (wall), . (floor), H (home), S (source) or T (tunnel).',
+        (
+            'map row 4, column 5 is "x", but must be # (wall), . (floor), H (home), S (source), T (tunnel) '
+            "or X (hand-over)."
+        ),
     ),
     ("#HH....SS#", "#HH....SS", "map row 2 has 9 cells, but row 1 has 10; all must have as many."),
     ("####SS#", "####SS.", "map has a hole in its border at row 3, column 10; it must be # there."),
@@ -114,8 +117,8 @@ MISTAKES = [
         "#HH....SS#\n#HH####SS#",
         "#HH.###S##\n#HH#####S#",
         (
-            "map row 2, column 8 is source (S), but is cut off by walls; all home and source cells must be "
-            "joined by free cells."
+            "map row 2, column 8 is source (S), but is cut off by walls; all home, source and hand-over "
+            "cells must be joined by free cells."
         ),
     ),
     # what must go together
@@ -219,8 +222,8 @@ def test_several_mistakes_are_reported_together() -> None:
         "a.toml: robot.mas is not a key of an arena file: did you mean mass?",
         "a.toml: pellets.count is 0, but must be a whole number from 1 to 2000.",
         (
-            'a.toml: map row 4, column 6 is "x", but must be # (wall), . (floor), H (home), S (source) '
-            "or T (tunnel)."
+            'a.toml: map row 4, column 6 is "x", but must be # (wall), . (floor), H (home), S (source), '
+            "T (tunnel) or X (hand-over)."
         ),
     ]
 

@@ -28,6 +28,7 @@ _ZONE_COLOURS = {
     Zone.HOME: "#c9e0f4",
     Zone.SOURCE: "#f7ddb0",
     Zone.TUNNEL: "#e4e4e0",
+    Zone.HANDOVER: "#ead3e8",
 }
 ROBOT_COLOUR = "#2b6cb0"
 PELLET_COLOUR = "#9c5a1a"

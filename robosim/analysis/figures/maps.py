@@ -101,11 +101,19 @@ def smoothed(count: NDArray[np.int64], arena: Arena) -> Floats:
     return spread
 
 
+_ZONE_NAMES = {
+    Zone.HOME: "home",
+    Zone.SOURCE: "source",
+    Zone.TUNNEL: "tunnel",
+    Zone.HANDOVER: "hand-over",
+}
+
+
 def _draw_arena(axes: Axes, arena: Arena) -> None:
     width, height = arena.size
     walls = [Rectangle((x0, y0), x1 - x0, y1 - y0) for x0, y0, x1, y1 in arena.walls.tolist()]
     axes.add_collection(PatchCollection(walls, facecolor=_WALL, edgecolor=_WALL, linewidth=0.3, zorder=2))
-    for zone, name in ((Zone.HOME, "home"), (Zone.SOURCE, "source"), (Zone.TUNNEL, "tunnel")):
+    for zone, name in _ZONE_NAMES.items():
         _draw_border(axes, arena, zone)
         rows, columns = np.nonzero(arena.zones == zone)
         if len(rows):
