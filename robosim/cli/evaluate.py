@@ -165,6 +165,7 @@ class Evaluate:
 def summary(evaluation: Evaluation) -> str:
     """Return the figures of an evaluation as a few lines."""
     robots = "  ".join(f"{mean:.1f}" for mean in evaluation.per_robot)
+    groups = "".join(f"  {group.name:<22}  {group.words()}\n" for group in evaluation.by_group)
     grid = " (grid world)" if evaluation.world == "grid" else ""
     profile = f" (profile {evaluation.profile.name or 'without a name'})" if evaluation.profile else ""
     closest = f"\n  closest, centres        {min(evaluation.closest):.4f} m" if evaluation.closest else ""
@@ -173,6 +174,7 @@ def summary(evaluation: Evaluation) -> str:
         f"{evaluation.episodes} episodes of {evaluation.episode_steps} decisions:\n"
         f"  pellets per episode     {evaluation.mean:.1f} (standard deviation {evaluation.std:.1f})\n"
         f"  of each robot           {robots}\n"
+        f"{groups}"
         f"  collisions per episode  {sum(evaluation.collisions) / evaluation.episodes:.1f}"
         f"{closest}"
     )

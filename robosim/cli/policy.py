@@ -217,6 +217,7 @@ def _results(what: str, evaluation: Evaluation) -> list[tuple[str, str]]:
         ("  pellets", f"{_spread(evaluation)} per episode"),
         ("  episodes", "  ".join(map(str, evaluation.totals))),
         ("  robots", "  ".join(f"{mean:.1f}" for mean in evaluation.per_robot)),
+        *((f"  {group.name}", group.words()) for group in evaluation.by_group),
         ("  collisions", f"{sum(evaluation.collisions) / evaluation.episodes:.1f} per episode"),
     ]
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Final, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
@@ -104,6 +104,23 @@ class TrainingCard(Record):
     """Of a curriculum, in their order; empty where there was none."""
 
 
+class GroupResult(NamedTuple):
+    """What the robots of a group did in an episode, mean over episodes."""
+
+    name: str
+    robots: int
+    delivered: float
+    """Pellets."""
+    handed_over: float
+    """Pellets."""
+
+    def words(self) -> str:
+        """Return the result in words, without the group's name."""
+        robots = f"{self.robots} robot" + ("" if self.robots == 1 else "s")
+        handed = f", {self.handed_over:.1f} handed over" if self.handed_over else ""
+        return f"{robots}: {self.delivered:.1f} pellets brought home{handed}"
+
+
 class Evaluation(Record):
     """How a controller did, without exploration."""
 
@@ -122,6 +139,10 @@ class Evaluation(Record):
     """What was random and wrong about robots and what they perceived; none for nothing."""
     closest: Many[Annotated[float, Field(ge=0)]] | None = None
     """[episodes] the least distance between the centres of two robots, m; none for one robot."""
+    groups: Many[Text] | None = None
+    """[robots] name of the group of each in a mixed team; none for a team of equals."""
+    handed_over: Many[Many[Count]] | None = None
+    """[episodes][robots] pellets that each robot handed over; none in a team without such roles."""
 
     @property
     def episodes(self) -> int:
@@ -149,12 +170,35 @@ class Evaluation(Record):
         """Pellets per episode that each robot delivered, mean over episodes."""
         return tuple(sum(robot) / self.episodes for robot in zip(*self.delivered, strict=True))
 
+    @property
+    def by_group(self) -> tuple[GroupResult, ...]:
+        """What each group of a mixed team did, in the order of their first robots; empty without groups."""
+        names = self.groups or ()
+        nothing = ((0,) * self.robots,) * self.episodes
+        return tuple(
+            GroupResult(
+                name,
+                names.count(name),
+                *(
+                    sum(one[robot] for one in counts for robot in range(self.robots) if names[robot] == name)
+                    / self.episodes
+                    for counts in (self.delivered, self.handed_over or nothing)
+                ),
+            )
+            for name in dict.fromkeys(names)
+        )
+
     @model_validator(mode="after")
     def _check_sizes(self) -> Self:
-        if any(len(episode) != self.robots for episode in self.delivered):
-            raise ValueError(
-                f"delivered must hold {self.robots} numbers, one for each robot, in each episode"
-            )
+        for what, counts in (("delivered", self.delivered), ("handed_over", self.handed_over or ())):
+            if any(len(episode) != self.robots for episode in counts):
+                raise ValueError(
+                    f"{what} must hold {self.robots} numbers, one for each robot, in each episode"
+                )
+        if self.handed_over is not None and len(self.handed_over) != self.episodes:
+            raise ValueError(f"handed_over must hold {self.episodes} lists, one for each episode")
+        if self.groups is not None and len(self.groups) != self.robots:
+            raise ValueError(f"groups must hold {self.robots} names, one for each robot")
         if len(self.collisions) != self.episodes:
             raise ValueError(f"collisions must hold {self.episodes} numbers, one for each episode")
         if self.closest is not None and len(self.closest) != self.episodes:

@@ -39,9 +39,11 @@ def evaluate(
     equal results. InputError from the controller when it does not fit the environment.
     """
     delivered: list[tuple[int, ...]] = []
+    handed_over: list[tuple[int, ...]] = []
     collisions: list[int] = []
     closest: list[float] = []
     env.world.meter()
+    team = env.world.team
     # Who watches reads the last decision after it, so the next episode must not begin by itself.
     autoreset, env.autoreset = env.autoreset, False
     try:
@@ -60,6 +62,7 @@ def evaluate(
             for one in watch:
                 one.end(env, min(env.num_envs, episodes - len(delivered)))
             delivered += [tuple(map(int, robots)) for robots in env.delivered]
+            handed_over += [tuple(map(int, robots)) for robots in env.handed_over]
             collisions += map(int, collided)
             closest += map(float, env.world.closest.min(axis=1))
     finally:
@@ -75,4 +78,6 @@ def evaluate(
         collisions=tuple(collisions[:episodes]),
         profile=env.config.profile,
         closest=tuple(closest[:episodes]) if env.robots > 1 else None,
+        groups=team.names if team.mixed else None,
+        handed_over=None if team.all_round else tuple(handed_over[:episodes]),
     )

@@ -36,7 +36,7 @@ def make_blueprint(arena: Arena, robots: int) -> rrb.Blueprint:
         ),
         rrb.TextDocumentView(origin=entities.ABOUT, name="About this run"),
     )
-    view, legend = _arena_view(arena), _legend_view()
+    view, legend = _arena_view(arena), _legend_view(len(palette.legend(arena.team(robots))))
     layout: rrb.Container
     if width > _WIDE * height:
         plots = rrb.Grid(delivered, each, density, reward, grid_columns=2)
@@ -96,8 +96,7 @@ def _last_seconds(arena: Arena, seconds: float) -> rrb.VisibleTimeRanges:
     )
 
 
-def _legend_view() -> rrb.Spatial2DView:
-    entries = len(palette.legend())
+def _legend_view(entries: int) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin=entities.LEGEND,
         titlebar=False,

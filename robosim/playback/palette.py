@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from robosim.analysis.clogs.clog import Cause
 from robosim.arena.model import Zone
 from robosim.discretise.modes import Mode
+from robosim.robot.team import Team
 from robosim.world.contacts import ContactKind
 
 Colour = tuple[int, int, int]
@@ -82,14 +83,39 @@ ROBOTS: tuple[Colour, ...] = (
     (205, 205, 70),
     (70, 205, 215),
 )
-"""One colour a robot in the plots and tracks, over again beyond ten."""
+"""One colour a robot in the plots and tracks, over again beyond ten; in a mixed team one a group."""
+SHADE, SHADES = 0.16, 4
+"""How much lighter each next robot of a group is, and after how many it begins again."""
 
 
-def robot_colours(robots: int) -> list[Colour]:
-    """Return the colour of each robot's line and track."""
-    return [ROBOTS[robot % len(ROBOTS)] for robot in range(robots)]
+def robot_colours(team: Team) -> list[Colour]:
+    """Return the colour of each robot's line and track: in a mixed team a shade of its group's."""
+    if not team.mixed:
+        return [ROBOTS[robot % len(ROBOTS)] for robot in range(team.robots)]
+    before = [int((team.group[:robot] == group).sum()) for robot, group in enumerate(team.group)]
+    return [
+        _lighter(ROBOTS[group], SHADE * (count % SHADES))
+        for group, count in zip(team.group.tolist(), before, strict=True)
+    ]
 
 
-def legend() -> list[Style]:
+def group_styles(team: Team) -> list[Style]:
+    """Return name and colour of each group of a mixed team; none for a team of equals."""
+    styles = [Style(group.name, ROBOTS[number]) for number, group in enumerate(team.groups)]
+    return styles if team.mixed else []
+
+
+def heading_colours(team: Team) -> list[Colour]:
+    """Return the colour of each robot's line ahead: white, or in a mixed team its group's."""
+    return [ROBOTS[group] if team.mixed else HEADING for group in team.group.tolist()]
+
+
+def _lighter(colour: Colour, share: float) -> Colour:
+    red, green, blue = (round(part + share * (255 - part)) for part in colour)
+    return red, green, blue
+
+
+def legend(team: Team) -> list[Style]:
     """Return what the legend names, in its order."""
-    return [*MODES.values(), LOOSE_PELLET, HELD_PELLET, *CONTACTS.values(), CLOG]
+    modes = [*MODES.values(), LOOSE_PELLET, HELD_PELLET, *CONTACTS.values(), CLOG]
+    return [*modes, *group_styles(team)]

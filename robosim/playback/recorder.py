@@ -170,8 +170,9 @@ def _in_words(drawn: MotionDraws) -> dict[str, str]:
 
 _HOW_TO_READ = """## How to read it
 
-- A robot is drawn to scale, white line forward, two fingers where it grips. The fill is its mode, as in the
-  legend and in the lanes below the arena. An orange outline says that it carries a pellet.
+- A robot is drawn to scale, white line forward (in a mixed team of its group's colour), two fingers where it
+  grips. The fill is its mode, as in the legend and in the lanes below the arena. An orange outline says that
+  it carries a pellet.
 - Violet cells: pheromone, the darker the more often visited of late.
 - Small dots: where each robot was in the last 20 s, one a decision, in its colour in the plots.
 - Discs where bodies touch: the larger, the greater the impulse.

@@ -11,6 +11,7 @@ from robosim.arena.outline import body_outline
 from robosim.playback import entities, palette
 from robosim.playback.shapes import Strip, body_strips, gripper, wall_edges
 from robosim.robot.sheet import RobotSheet
+from robosim.robot.team import Team
 
 # Lower is drawn first; rerun's own defaults put images under lines under points.
 _MAP, _PHEROMONE, _EDGE, _TRACK, _PELLET = -30.0, -20.0, 0.0, 5.0, 10.0
@@ -24,14 +25,15 @@ _CONTRAST = 3.0
 
 def send_scene(stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
     """Send everything that does not change: arena, robot shapes, legend, styles of the plots."""
-    _send_arena(stream, arena, robots)
-    for robot, sheet in enumerate(arena.team(robots).sheets):
-        _send_robot(stream, arena, robot, sheet)
-    _send_legend(stream)
-    _send_series(stream, robots)
+    team = arena.team(robots)
+    _send_arena(stream, arena, team)
+    for robot, colour in enumerate(palette.heading_colours(team)):
+        _send_robot(stream, arena, robot, team.sheets[robot], colour)
+    _send_legend(stream, team)
+    _send_series(stream, team)
 
 
-def _send_arena(stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
+def _send_arena(stream: rr.RecordingStream, arena: Arena, team: Team) -> None:
     # rerun's y points down and ours up; the 2D view shows the arena from its parent.
     stream.log(entities.ARENA, rr.Transform3D(scale=[1.0, -1.0, 1.0]), static=True)
     cell_to_metres = rr.Transform3D(scale=[arena.cell_size, arena.cell_size, 1.0])
@@ -74,7 +76,7 @@ def _send_arena(stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
     stream.log(
         entities.TRACKS,
         rr.Points2D.from_fields(
-            colors=palette.robot_colours(robots),
+            colors=palette.robot_colours(team),
             radii=0.07 * arena.robot.width,
             draw_order=_TRACK,
         ),
@@ -92,7 +94,9 @@ def _send_arena(stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
     )
 
 
-def _send_robot(stream: rr.RecordingStream, arena: Arena, robot: int, sheet: RobotSheet) -> None:
+def _send_robot(
+    stream: rr.RecordingStream, arena: Arena, robot: int, sheet: RobotSheet, colour: palette.Colour
+) -> None:
     line = 0.035 * sheet.width
     body, radius = body_strips(sheet)
     path = entities.robot(robot)
@@ -116,7 +120,7 @@ def _send_robot(stream: rr.RecordingStream, arena: Arena, robot: int, sheet: Rob
     heading: Strip = [(0.15 * nose, 0.0), (0.85 * nose, 0.0)]
     stream.log(
         f"{path}/heading",
-        rr.LineStrips2D([heading], colors=palette.HEADING, radii=1.4 * line, draw_order=_MARK),
+        rr.LineStrips2D([heading], colors=colour, radii=1.4 * line, draw_order=_MARK),
         static=True,
     )
     stream.log(
@@ -143,8 +147,8 @@ def _send_robot(stream: rr.RecordingStream, arena: Arena, robot: int, sheet: Rob
     )
 
 
-def _send_legend(stream: rr.RecordingStream) -> None:
-    styles = palette.legend()
+def _send_legend(stream: rr.RecordingStream, team: Team) -> None:
+    styles = palette.legend(team)
     colours = [style.colour for style in styles]
     swatches = rr.Points2D([(index, 0.0) for index in range(len(styles))], colors=colours, radii=0.07)
     stream.log(entities.SWATCHES, swatches, static=True)
@@ -159,7 +163,7 @@ def _send_legend(stream: rr.RecordingStream) -> None:
     stream.log(entities.NAMES, names, static=True)
 
 
-def _send_series(stream: rr.RecordingStream, robots: int) -> None:
+def _send_series(stream: rr.RecordingStream, team: Team) -> None:
     for path, name, steps in (
         (entities.DELIVERED, "pellets, team", True),
         (entities.DENSITY, "tunnel density n/L", True),
@@ -175,8 +179,10 @@ def _send_series(stream: rr.RecordingStream, robots: int) -> None:
         )
         stream.log(path, lines, static=True)
     each = rr.SeriesLines(
-        names=[f"robot {robot}" for robot in range(robots)],
-        colors=palette.robot_colours(robots),
+        names=[
+            f"robot {robot}" + (f", {name}" if team.mixed else "") for robot, name in enumerate(team.names)
+        ],
+        colors=palette.robot_colours(team),
         interpolation_mode="StepAfter",
         aggregation_policy="Off",
     )

@@ -6,7 +6,9 @@ from robosim.arena import arena_names, load_arena
 from robosim.arena.shipped import shipped_folder
 from robosim.errors import InputError
 
-EIGHT = ["long", "paper", "paper-grid", "robotarium", "s-bend", "single-lane", "three-wide", "two-tunnels"]
+NINE = [
+    "long", "paper", "paper-grid", "relay", "robotarium", "s-bend", "single-lane", "three-wide", "two-tunnels"
+]  # fmt: skip
 
 
 def refusal(name_or_path: str | Path) -> str:
@@ -15,8 +17,8 @@ def refusal(name_or_path: str | Path) -> str:
     return str(caught.value)
 
 
-def test_seven_ship() -> None:
-    assert arena_names() == EIGHT
+def test_nine_ship() -> None:
+    assert arena_names() == NINE
 
 
 def test_names_work_from_any_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,8 +35,8 @@ def test_a_path_works_where_a_name_does(tmp_path: Path) -> None:
 
 def test_unknown_name_offers_the_nearest() -> None:
     assert refusal("papr") == "No arena is named 'papr': did you mean paper or paper-grid?"
-    assert refusal("zzz") == f"No arena is named 'zzz': known names are {', '.join(EIGHT)}."
-    assert refusal("") == f"No arena is named '': known names are {', '.join(EIGHT)}."
+    assert refusal("zzz") == f"No arena is named 'zzz': known names are {', '.join(NINE)}."
+    assert refusal("") == f"No arena is named '': known names are {', '.join(NINE)}."
 
 
 def test_missing_file(tmp_path: Path) -> None:

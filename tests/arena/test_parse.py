@@ -1,5 +1,9 @@
+import tomllib
+
 import pytest
+import tomli_w
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from robosim.arena import arena_names, load_arena, parse_arena
 from robosim.errors import InputError
@@ -289,3 +293,126 @@ def test_a_drawn_file_loads_or_is_refused(text: str) -> None:
 @given(damaged_texts())
 def test_a_damaged_file_loads_or_is_refused(text: str) -> None:
     arena_or_none(text)
+
+
+RELAY = load_arena("relay").text
+GROUP_MISTAKES = [
+    (
+        'role = "excavator"',
+        'role = "digger"',
+        'groups[0].role is "digger", but must be "all-round", "excavator" or "transporter".',
+    ),
+    ('role = "excavator"', "count = 0", "groups[0].count is 0, but must be a whole number from 1 to 100."),
+    (
+        'name = "excavators"',
+        "",
+        "groups[0].name is missing; it must be 1 to 60 letters, digits, spaces, dashes or underscores.",
+    ),
+    (
+        'name = "excavators"',
+        'name = "transporters"',
+        'groups[1].name is "transporters", but must differ from that of groups[0].',
+    ),
+    (
+        "grip_force = 4.0",
+        "grip_force = -1",
+        "groups[0].robot.grip_force is -1, but must be a number from 0.001 to 1000 N.",
+    ),
+    (
+        "grip_force = 4.0",
+        "grip = 1",
+        "groups[0].robot.grip is not a key of an arena file: did you mean grip_force or gripper_reach?",
+    ),
+    (
+        "length = 0.09",
+        "length = 0.1",
+        "groups[0].robot.width is 0.09, but must equal groups[0].robot.length (0.1) of a circle.",
+    ),
+    (
+        "length = 0.09\nwidth = 0.09",
+        "length = 0.32\nwidth = 0.32",
+        (
+            "groups[0].robot.width is 0.32, but must be less than 0.3 m, the width of the widest path from the "
+            "hand-over to the source."
+        ),
+    ),
+    (
+        'role = "transporter"',
+        'role = "excavator"',
+        (
+            'groups[1].role is "excavator", but no group has the role "transporter", which brings home what '
+            "is handed over."
+        ),
+    ),
+    (
+        'role = "excavator"',
+        'role = "all-round"',
+        'groups[1].role is "transporter", but no group has the role "excavator", which hands over.',
+    ),
+    (
+        "X",
+        ".",
+        (
+            'groups[0].role is "excavator", but the map has no hand-over (X) cell where it could meet the '
+            "others."
+        ),
+    ),
+    (
+        "max_wheel_speed = 25.0",
+        "max_wheel_speed = 250.0",
+        (
+            "timing.control_period / timing.substeps is 0.008333 s, but must be at most 0.00125 s, in which a "
+            "robot drives pellets.radius / 4 at its top speed (4 m/s)."
+        ),
+    ),
+]
+
+
+@pytest.mark.parametrize(("good", "bad", "sentence"), GROUP_MISTAKES)
+def test_one_mistake_in_groups_is_one_sentence(good: str, bad: str, sentence: str) -> None:
+    assert good in RELAY
+    assert refusal(RELAY.replace(good, bad)) == [f"a.toml: {sentence}"]
+
+
+@pytest.mark.parametrize(
+    ("groups", "sentence"),
+    [
+        ("groups = 3", "groups is 3, but must be 2 to 8 tables [[groups]]."),
+        ('groups = [{name = "a"}]', "groups is [a table], but must be 2 to 8 tables [[groups]]."),
+        ("groups = [1, 2]", "groups[0] is 1, but must be a table."),
+    ],
+)
+def test_groups_are_two_tables_or_more(groups: str, sentence: str) -> None:
+    assert refusal(f"{groups}\n{GOOD}")[0] == f"a.toml: {sentence}"
+
+
+def test_groups_differ_from_the_robot_in_what_they_say() -> None:
+    arena = parse_arena(RELAY, "a.toml")
+    excavators, transporters = arena.groups
+    assert (excavators.sheet.length, excavators.sheet.grip_force) == (0.09, 4.0)
+    assert (transporters.sheet.length, transporters.sheet.max_wheel_speed) == (0.11, 25.0)
+    assert excavators.sheet.mass == transporters.sheet.mass == arena.robot.mass
+    assert arena.handover is not None
+    assert arena.handover.raster.shape[-1] == 1
+
+
+_VALUES = st.one_of(
+    st.integers(-3, 300),
+    st.floats(allow_nan=True),
+    st.text(max_size=4),
+    st.booleans(),
+    st.lists(st.integers(0, 3), max_size=2),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.dictionaries(st.sampled_from(["name", "role", "count", "robot", "nmae"]), _VALUES, max_size=5),
+        max_size=3,
+    )
+)
+def test_whatever_groups_hold_they_are_groups_or_sentences(groups: list[dict[str, object]]) -> None:
+    text = tomli_w.dumps({"groups": groups, **tomllib.loads(GOOD)})
+    arena = arena_or_none(text)
+    assert arena is None or len(arena.groups) == len(groups)

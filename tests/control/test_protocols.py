@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robosim.arena import arena_names, load_arena, parse_arena
+from robosim.arena import load_arena, parse_arena
 from robosim.arena.model import Zone
 from robosim.control.controller import make_controller
 from robosim.control.protocols import (
@@ -15,6 +15,7 @@ from robosim.control.protocols import (
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from robosim.robot.drivers import STOP
+from tests.strategies.arenas import OF_EQUALS
 
 PROTOCOLS = ("active", "reversal", "lorenz")
 CLASSES = (ActiveController, ReversalController, LorenzController)
@@ -80,7 +81,7 @@ def test_one_robot_on_paper_brings_as_much_as_one_that_keeps_lanes() -> None:
     assert 9 <= Watched(ActiveController(), "paper", 1, envs=1, decisions=1000, seed=21).delivered.sum() <= 11
 
 
-@pytest.mark.parametrize("name", arena_names())
+@pytest.mark.parametrize("name", OF_EQUALS)
 def test_one_robot_delivers_on_every_arena(name) -> None:
     for kind in CLASSES:
         assert (Watched(kind(), name, 1, envs=1, decisions=300, seed=8).delivered >= 1).all()

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from robosim.arena import Arena, Zone, arena_names, load_arena, parse_arena
+from robosim.arena.model import GOALS
 from robosim.control.routes import INBOUND, OUTBOUND, plan_routes
 from robosim.robot.drivers import CARDINAL_STEPS
+from robosim.robot.team import ROLES
 
 NORTH, SOUTH, WEST, EAST = range(4)
 
@@ -61,8 +63,10 @@ def test_every_free_cell_leads_to_both_goals(name) -> None:
     assert np.isfinite(routes.cost[:, free]).all()
     assert np.isinf(routes.cost[:, ~free]).all()
     home, source = ends(arena)
-    assert arena.zones[route(arena, *home, INBOUND)[-1]] == Zone.SOURCE
-    assert arena.zones[route(arena, *source, OUTBOUND)[-1]] == Zone.HOME
+    for number, group in enumerate(arena.team(1).groups):
+        brings, takes = GOALS[ROLES[group.role]]
+        assert arena.zones[route(arena, *home, 2 * number + INBOUND)[-1]] == takes
+        assert arena.zones[route(arena, *source, 2 * number + OUTBOUND)[-1]] == brings
 
 
 @pytest.mark.parametrize("name", ["paper", "long", "robotarium", "s-bend", "three-wide"])

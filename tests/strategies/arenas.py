@@ -16,6 +16,8 @@ ODD_NUMBERS = [
 ]  # fmt: skip
 
 SHIPPED = {name: load_arena(name).text for name in arena_names()}
+OF_EQUALS = [name for name in arena_names() if not load_arena(name).groups]
+"""Shipped arenas that ask for no mixed team."""
 
 
 def arena_or_none(text: str) -> Arena | None:

@@ -120,6 +120,7 @@ def _facts(evaluation: Evaluation, episode: Episode) -> dict[str, object]:
         "world": evaluation.world,
         "tunnels": ", ".join(f"{length:.3g} m" for length in episode.tunnels.length) or "none",
         "robots": evaluation.robots,
+        **{group.name: group.words() for group in evaluation.by_group},
         "episodes": evaluation.episodes,
         "decisions in each": f"{evaluation.episode_steps}, every {episode.arena.timing.decision_period:g} s",
         "seed": evaluation.seed,

@@ -12,7 +12,6 @@ from numpy.testing import assert_array_equal
 
 from robosim.analysis.measure.metrics import NotDefined, summarise
 from robosim.analysis.measure.monitor import TeamMonitor
-from robosim.arena import arena_names
 from robosim.control.controller import make_controller
 from robosim.control.environment import environment_for
 from robosim.control.evaluate import evaluate
@@ -20,6 +19,7 @@ from robosim.control.policy import policy_names
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from robosim.world.state import PelletStatus
+from tests.strategies.arenas import OF_EQUALS
 from tests.world.grid.rooms import EAST, WEST, room
 
 
@@ -155,7 +155,7 @@ def test_two_four_and_eight_robots_do_the_work_of_as_many() -> None:
         assert pellets[robots] > 0.93 * robots * pellets[1]
 
 
-@pytest.mark.parametrize("arena", [name for name in arena_names() if name != "paper"])
+@pytest.mark.parametrize("arena", [name for name in OF_EQUALS if name != "paper"])
 def test_lanes_carry_robots_on_every_arena(arena: str) -> None:
     alone, eight = delivered("lanes", arena, 1, 600, envs=1), delivered("lanes", arena, 8, 600, envs=1)
     print(arena, alone, eight)

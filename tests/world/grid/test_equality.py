@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from robosim.arena import Arena, arena_names, load_arena, parse_arena
+from robosim.arena import Arena, load_arena, parse_arena
 from robosim.errors import InputError
 from robosim.world.grid import GridWorld
 from robosim.world.state import PelletStatus
+from tests.strategies.arenas import OF_EQUALS
 from tests.world.grid.plain import PlainGrid
 
 _SPEC = importlib.util.spec_from_file_location(
@@ -87,7 +88,7 @@ def run_beside(
 
 
 @pytest.mark.parametrize("actions", ["cardinal", "wheels"])
-@pytest.mark.parametrize("name", arena_names())
+@pytest.mark.parametrize("name", OF_EQUALS)
 def test_on_every_arena_that_ships(name: str, actions: str) -> None:
     run_beside(load_arena(name), 8, 2, actions, 40)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from robosim.arena import arena_names, load_arena, parse_arena
+from robosim.arena import load_arena, parse_arena
 from robosim.arena.model import Zone
 from robosim.arena.schema import TimingSection
 from robosim.discretise.modes import Mode
@@ -19,6 +19,7 @@ from robosim.errors import InputError
 from robosim.world.factory import make_world
 from robosim.world.grid.layout import cells_at, grid_arena
 from robosim.world.state import ABSENT, HELD, LOOSE, Gripper
+from tests.strategies.arenas import OF_EQUALS
 from tests.world.grid.rooms import (
     BACK,
     CELL,
@@ -45,7 +46,7 @@ def test_it_needs_no_physics() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-@pytest.mark.parametrize("name", arena_names())
+@pytest.mark.parametrize("name", OF_EQUALS)
 def test_a_decision_lasts_as_long_as_a_cell_at_top_speed(name: str) -> None:
     arena = load_arena(name)
     world = make_world("grid", arena, 2, 1)
@@ -77,7 +78,7 @@ def test_a_decision_that_no_arena_file_allows_is_one_sentence() -> None:
     )
 
 
-@pytest.mark.parametrize("name", arena_names())
+@pytest.mark.parametrize("name", OF_EQUALS)
 def test_robots_start_one_a_cell_in_the_starting_zone_and_pellets_in_the_source(name: str) -> None:
     arena = load_arena(name)
     capacity = grid_arena(arena).capacity
