@@ -116,7 +116,7 @@ class RunConfig(Record):
     def _check_curriculum(self) -> Self:
         if self.schedule.curriculum and self.algorithm.shares_parameters:
             raise ValueError(
-                "curriculum is true, but must be false where all robots run one network: it cannot be frozen "
+                "curriculum is true, but must be false where robots share a network: it cannot be frozen "
                 "beside itself"
             )
         if self.variety is not None:
@@ -134,7 +134,7 @@ class RunConfig(Record):
                 f"algorithm is {shown(self.algorithm.name)}, which learns from the whole team at once, but "
                 "must be one whose robots learn each by itself with arenas or random_arenas"
             )
-        if not self.algorithm.shares_parameters:
+        if not self.algorithm.shares_parameters or self.algorithm.shares_by_group:
             raise ValueError(
                 'parameters must be "shared" with arenas or random_arenas: one network drives all'
             )

@@ -238,7 +238,9 @@ def task_of(env: TrainingEnv, stage: Stage, budget: int) -> Task:
 
     Where teams have several sizes, each robot is an environment of its own to the algorithm.
     """
-    layout = env.layout
+    layout, groups = env.layout, ()
+    if layout.kinds and not isinstance(env, MixedVectorEnv):
+        groups = tuple(env.arena.team(env.robots).group.tolist())[stage.frozen :]
     return Task(
         robots=env.robots - stage.frozen,
         num_envs=env.num_envs,
@@ -246,6 +248,7 @@ def task_of(env: TrainingEnv, stage: Stage, budget: int) -> Task:
         num_actions=env.num_actions,
         actions=layout.actions,
         decisions=budget * env.num_envs // env.joint_decisions,
+        groups=groups,
         explores=stage.explores,
     )
 

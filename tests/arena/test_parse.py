@@ -332,8 +332,8 @@ GROUP_MISTAKES = [
         "length = 0.09\nwidth = 0.09",
         "length = 0.32\nwidth = 0.32",
         (
-            "groups[0].robot.width is 0.32, but must be less than 0.3 m, the width of the widest path from the "
-            "hand-over to the source."
+            "groups[0].robot.width is 0.32, but must be less than 0.3 m, the width of the widest path from "
+            "the hand-over to the source."
         ),
     ),
     (
@@ -361,8 +361,8 @@ GROUP_MISTAKES = [
         "max_wheel_speed = 25.0",
         "max_wheel_speed = 250.0",
         (
-            "timing.control_period / timing.substeps is 0.008333 s, but must be at most 0.00125 s, in which a "
-            "robot drives pellets.radius / 4 at its top speed (4 m/s)."
+            "timing.control_period / timing.substeps is 0.008333 s, but must be at most 0.00125 s, in which "
+            "a robot drives pellets.radius / 4 at its top speed (4 m/s)."
         ),
     ),
 ]

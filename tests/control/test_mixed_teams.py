@@ -99,8 +99,8 @@ def test_a_card_shows_the_groups_and_fits_no_other_team() -> None:
         (
             text.replace('role = "transporter"', 'role = "transporter"\ncount = 2'),
             (
-                "groups of robots was [('excavators', 'excavator', 1), ('transporters', 'transporter', 1)] in "
-                "training and is [('excavators', 'excavator', 1), ('transporters', 'transporter', 2)] here"
+                "groups of robots was [('excavators', 'excavator', 1), ('transporters', 'transporter', 1)] "
+                "in training and is [('excavators', 'excavator', 1), ('transporters', 'transporter', 2)] here"
             ),
         ),
     ):

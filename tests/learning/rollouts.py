@@ -7,8 +7,8 @@ from robosim.learning.algorithms.protocol import Experience, Task
 BLOCKABLE = tuple(f"gain {goal} {side}" for goal in ("home", "source") for side in "NSWE")
 
 
-def task(robots=2, names=tuple(f"number {i}" for i in range(7)), num_actions=5, decisions=100):
-    return Task(robots, 3, names, num_actions, "cardinal", decisions)
+def task(robots=2, names=tuple(f"number {i}" for i in range(7)), num_actions=5, decisions=100, groups=()):
+    return Task(robots, 3, names, num_actions, "cardinal", decisions, groups=groups)
 
 
 def build(config, seed=0, start=None, **changes):

@@ -69,8 +69,8 @@ def test_config_survives_its_file(tmp_path_factory, technique, arena, learning_r
         ('[schedule]\nnewcomer = "clone"', 'schedule.newcomer is "clone", but must be "scratch" or "copy".'),
         (
             '[schedule]\ncurriculum = true\n[algorithm]\nparameters = "shared"',
-            "curriculum is true, but must be false where all robots run one network: it cannot be frozen "  # noqa: ISC004
-            "beside itself.",
+            "curriculum is true, but must be false where robots share a network: it cannot be frozen beside "  # noqa: ISC004
+            "itself.",
         ),
         ("[run]\nworkers = 9", "workers is 9, but must be a whole number from 1 to num_envs, 8."),
     ],

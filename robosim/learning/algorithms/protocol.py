@@ -39,6 +39,8 @@ class Task:
     """Joint decisions that the stage takes at most, summed over those environments."""
     explores: bool = True
     """Exploration begins anew; otherwise its share stays at the end's."""
+    groups: tuple[int, ...] = ()
+    """[robots] number of the group of each in a mixed team; empty in a team of equals."""
 
     @property
     def size(self) -> int:
@@ -161,7 +163,12 @@ class AlgorithmConfig(Record):
 
     @property
     def shares_parameters(self) -> bool:
-        """Whether all robots run one network; then none can be frozen while others learn."""
+        """Whether robots share networks; then none can be frozen while others learn."""
+        return False
+
+    @property
+    def shares_by_group(self) -> bool:
+        """Whether each group of a mixed team has a network, rather than all robots the same."""
         return False
 
     @property

@@ -63,8 +63,13 @@ class MaskConfig(LearnerConfig):
             mask=self.mask and task.gains is not None,
             output=output,
             actions=task.num_actions,
-            of_robot=(0,) * task.robots if self.shares_parameters else tuple(range(task.robots)),
+            of_robot=self._network_of_robot(task),
         )
+
+    def _network_of_robot(self, task: Task) -> tuple[int, ...]:
+        if not self.shares_parameters:
+            return tuple(range(task.robots))
+        return task.groups if self.shares_by_group and task.groups else (0,) * task.robots
 
 
 class ReplayConfig(LearnerConfig):

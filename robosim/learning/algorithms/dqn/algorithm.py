@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from robosim.errors import InputError, shown
 from robosim.learning.algorithms.dqn.config import DqnConfig
 from robosim.learning.algorithms.dqn.learner import DqnSettings, StackedDoubleDQN
 from robosim.learning.algorithms.dqn.returns import MultiStepReturns, Transitions
@@ -26,6 +27,7 @@ class DoubleDqn(ReplayMemory):
         """Reserve the replay; InputError when it exceeds the memory, or `start` does not fit."""
         self.config = config
         self.task = task
+        self._members = members(config, task)
         self.learner = make_learner(config, task, seed)
         self.replay = self.learner.replay
         if start is not None:
@@ -39,8 +41,12 @@ class DoubleDqn(ReplayMemory):
         epsilons = self.config.epsilons_in(self.task, progress, envs)
         if not self.config.shares_parameters:
             return self.learner.act(observation, epsilons)
-        each = np.repeat(epsilons, robots, axis=0)
-        return self.learner.act(as_one_robot(observation), each).reshape(envs, robots)
+        networks, each = self._members.shape
+        rows = np.repeat(epsilons, each, axis=0)
+        chosen = self.learner.act(by_network(observation, self._members), rows)
+        actions = np.empty((envs, robots), dtype=np.int64)
+        actions[:, self._members.T] = chosen.reshape(envs, each, networks)
+        return actions
 
     def observe(self, experience: Experience) -> None:
         self._decisions += len(experience.reward)
@@ -48,7 +54,7 @@ class DoubleDqn(ReplayMemory):
         if complete is None:
             return
         if self.config.shares_parameters:
-            complete = Transitions(*[as_one_robot(part) for part in complete])
+            complete = Transitions(*[by_network(part, self._members) for part in complete])
         self.replay.add(*complete)
 
     def update(self, progress: float) -> dict[str, float]:
@@ -81,8 +87,8 @@ class DoubleDqn(ReplayMemory):
 
 def make_learner(config: DqnConfig, task: Task, seed: np.random.SeedSequence) -> StackedDoubleDQN:
     """Return fresh networks with their replay; InputError when it exceeds the memory."""
-    # One network for all learns from as many transitions as their own networks would together.
-    networks, each = (1, task.robots) if config.shares_parameters else (task.robots, 1)
+    # A shared network learns from as many transitions as its robots' own networks would together.
+    networks, each = members(config, task).shape
     shape = NetworkShape(
         networks, task.size, config.hidden, task.num_actions, normalised=config.normalisation == "rms"
     )
@@ -98,6 +104,21 @@ def make_learner(config: DqnConfig, task: Task, seed: np.random.SeedSequence) ->
         return StackedDoubleDQN(shape, settings, seed, config.device, config.precision)
 
 
-def as_one_robot(array: NDArray[Any]) -> NDArray[Any]:
-    """Return [envs, robots, ...] as [envs * robots, 1, ...]: one network takes robots for environments."""
-    return np.ascontiguousarray(array).reshape(-1, 1, *array.shape[2:])
+def members(config: DqnConfig, task: Task) -> NDArray[np.int64]:
+    """Return the robots that run each network, [networks, each]; InputError for groups of unequal size."""
+    of_robot = np.array(config.value_networks(task).of_robot)
+    sizes = np.bincount(of_robot)
+    if (sizes != sizes[0]).any():
+        raise InputError(
+            f'parameters is "group", but must be "own" or "shared" where groups have {shown(sizes.tolist())} '
+            "robots: their networks learn side by side from as many each."
+        )
+    return np.argsort(of_robot, kind="stable").reshape(len(sizes), -1)
+
+
+def by_network(array: NDArray[Any], robots: NDArray[np.int64]) -> NDArray[Any]:
+    """Return [envs, robots, ...] as [envs * each, networks, ...]: robots of a network are its environments.
+
+    `robots` are those of each network, [networks, each].
+    """
+    return np.ascontiguousarray(array[:, robots.T]).reshape(-1, len(robots), *array.shape[2:])
