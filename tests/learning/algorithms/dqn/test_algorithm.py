@@ -135,8 +135,8 @@ def test_groups_of_unequal_size_and_networks_to_start_from_are_refused():
     with pytest.raises(InputError) as error:
         build(config, robots=3, groups=(0, 1, 0))
     assert str(error.value) == (
-        'parameters is "group", but must be "own" or "shared" where groups have [2, 1] robots: their networks '
-        "learn side by side from as many each."
+        'parameters is "group", but must be "own" or "shared" where groups have [2, 1] robots: their '
+        "networks learn side by side from as many each."
     )
     with pytest.raises(InputError) as error:
         config.starting_from(build(SMALL).actors().spec)
