@@ -41,7 +41,13 @@ class SimulatedRobots:
         self.config, self.arena = env_config(config)
         profile = self.config.profile or ProfileConfig()
         self.world = _world_of(engine)(
-            self.arena, config.robots, 1, config.actions, config.pellet_gradient, profile.motion
+            self.arena,
+            config.robots,
+            1,
+            config.actions,
+            config.pellet_gradient,
+            profile.motion,
+            self.config.keep_distance,
         )
         """The world inside, for measurements and pictures: `state` and `contacts` of the last decision."""
         self.world.reset([np.random.SeedSequence(seed, spawn_key=(episode,))])

@@ -53,15 +53,51 @@ def draw_pellets(arena: Arena, rng: np.random.Generator, gradient: float) -> Int
     return np.sort(order[:count])
 
 
+def room_apart(arena: Arena, distance: float) -> int:
+    """Return for how many robots there are starts that are a distance (m) from each other."""
+    if arena.start.poses:
+        return arena.capacity
+    return len(_picked(arena.start_places, np.arange(len(arena.start_places)), distance))
+
+
+def _apart(arena: Arena, order: Integers, robots: int, distance: float) -> Integers:
+    """Return starts [robots] that are a distance from each other, the earlier in `order` the sooner."""
+    chosen = _picked(arena.start_places, order, distance)
+    if len(chosen) < robots:
+        # The first are in the way of too many others: as close together as they go, in the order drawn.
+        packed = _picked(arena.start_places, np.arange(len(order)), distance)
+        chosen = order[np.isin(order, packed)]
+    return chosen[:robots]
+
+
+def _picked(places: Floats, order: Integers, distance: float) -> Integers:
+    """Return those of `order` that are a distance from all that were picked before them."""
+    free = np.ones(len(places), dtype=np.bool_)
+    picked = []
+    for place in order.tolist():
+        if free[place]:
+            picked.append(place)
+            free &= np.hypot(*(places - places[place]).T) >= distance
+    return np.array(picked, dtype=np.int64)
+
+
 def draw_episode(
-    arena: Arena, robots: int, rng: np.random.Generator, pellet_gradient: float = 0.0
+    arena: Arena,
+    robots: int,
+    rng: np.random.Generator,
+    pellet_gradient: float = 0.0,
+    keep_distance: float | None = None,
 ) -> tuple[Draws, Floats]:
-    """Draw what is random in an episode; also returns the factors of the robots' top wheel speed [robots]."""
+    """Draw what is random in an episode; also returns the factors of the robots' top wheel speed [robots].
+
+    Robots that keep a distance from each other (m) start at it.
+    """
     if arena.start.poses:
         pose = np.array(arena.start.poses[:robots])
         pose[:, 2] = wrap_angle(pose[:, 2])
     else:
-        chosen = rng.permutation(len(arena.start_places))[:robots]
+        order = rng.permutation(len(arena.start_places))
+        chosen = order[:robots] if keep_distance is None else _apart(arena, order, robots, keep_distance)
         heading = rng.uniform(-np.pi, np.pi, robots)
         pose = np.concatenate([arena.start_places[chosen], heading[:, None]], axis=1)
     count = arena.pellets.count

@@ -103,6 +103,33 @@ def test_a_team_that_keeps_its_distance_touches_nobody_and_is_blocked_where_it_i
     assert blocked > 0
 
 
+def test_robots_that_keep_a_distance_start_at_it() -> None:
+    env = VectorEnv("robotarium", robots=20, num_envs=20, seed=7, keep_distance=0.17)
+    crowded = VectorEnv("robotarium", robots=20, num_envs=20, seed=7)
+    for episode in range(3):
+        env.reset()
+        crowded.reset()
+        poses = env.world.state.pose
+        assert to_nearest(poses).min() >= 0.17, episode
+        assert to_nearest(crowded.world.state.pose).min() < 0.17, "or nothing is shown"
+        places = env.arena.start_places
+        assert all((places == pose[:2]).all(axis=1).any() for pose in poses.reshape(-1, 3))
+
+
+def test_a_full_home_is_filled_as_close_as_it_goes_and_beyond_that_refused() -> None:
+    env = VectorEnv("paper", robots=35)
+    with pytest.raises(InputError) as caught:
+        VectorEnv("paper", robots=35, keep_distance=0.15)
+    sentence = str(caught.value)
+    assert sentence.startswith("robots is 35, but must be a whole number from 1 to ")
+    most = int(sentence.split("from 1 to ")[1].split(",")[0])
+    assert sentence.endswith("the room in arena 'paper' at keep_distance 0.15.")
+    assert 1 < most < env.arena.capacity
+    full = VectorEnv("paper", robots=most, num_envs=10, seed=3, keep_distance=0.15)
+    full.reset()
+    assert to_nearest(full.world.state.pose).min() >= 0.15
+
+
 def test_in_the_grid_there_is_no_distance_to_keep() -> None:
     with pytest.raises(InputError, match="keep_distance is 0.2, but must be left out in the grid world"):
         VectorEnv("paper", world="grid", keep_distance=0.2)

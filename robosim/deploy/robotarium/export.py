@@ -76,7 +76,7 @@ def robotarium_files(
         "origin": origin.tolist(),
         "starts": _on_floor(_starts(arena, card.robots, seed), origin).tolist(),
         "arena": _arena_table(arena),
-        "layout": asdict(card.env.layout),
+        "layout": asdict(card.env.layout_in(arena)),
         "pheromone": card.env.pheromone.model_dump(),
         "network": card.network.model_dump(),
         "gains": card.gains,

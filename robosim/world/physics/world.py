@@ -14,7 +14,7 @@ from robosim.robot.drivers import ActionKind, make_driver
 from robosim.robot.kinematics import body_twist, slew, wrap_angle
 from robosim.robot.team import per_wheel
 from robosim.world.contacts import no_contacts
-from robosim.world.draws import Draws, draw_episode
+from robosim.world.draws import Draws, draw_episode, room_apart
 from robosim.world.motion import EXACT, MotionConfig, MotionDraws, draw_motion, with_motion
 from robosim.world.physics.bodies import Bodies
 from robosim.world.physics.contacts import ContactLog, lasting, mark_touched, touching_pellets
@@ -57,7 +57,11 @@ class PhysicsWorld:
         if robots > arena.capacity:
             room = f"a whole number from 1 to {arena.capacity}, the room in arena {arena.name!r}"
             raise refused("robots", robots, room)
+        if keep_distance is not None and robots > (most := room_apart(arena, keep_distance)):
+            room = f"a whole number from 1 to {most}, the room in arena {arena.name!r} at keep_distance"
+            raise refused("robots", robots, f"{room} {keep_distance:g}")
         self.arena = arena
+        self._keep_distance = keep_distance
         self.pellet_gradient = pellet_gradient
         self.robots = robots
         self.team = arena.team(robots)
@@ -160,7 +164,9 @@ class PhysicsWorld:
 
     def _built(self, env: int, rng: np.random.Generator) -> Bodies:
         """Draw an environment's episode and build its bodies."""
-        draws, speed_factor = draw_episode(self.arena, self.robots, rng, self.pellet_gradient)
+        draws, speed_factor = draw_episode(
+            self.arena, self.robots, rng, self.pellet_gradient, self._keep_distance
+        )
         draws = with_motion(draws, self.drawn[env])
         space = self._new_bodies(draws, self._commands[env])
         self._traction[env] = self.team.sheet.traction_force * draws.robot_mass * draws.traction
