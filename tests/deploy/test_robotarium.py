@@ -98,6 +98,7 @@ for name, module in sys.modules.items():
         (150, {"env": {"actions": "wheels"}, "of_robot": (0, 1, 2), "mask": True}),
         (150, {"env": {"actions": "wheels-9"}, "of_robot": (1, 0, 1), "normalisation": "layer"}),
         (150, {"env": {"encoding": "paper"}, "of_robot": (0, 0, 0), "precision": "float16"}),
+        (150, {"env": {"keep_distance": 0.3}, "of_robot": (0, 0, 0)}),
         (150, {"env": {"stigmergy": False}, "of_robot": (0, 0, 0)}),
     ],
 )

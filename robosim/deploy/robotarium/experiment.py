@@ -62,6 +62,7 @@ class Team:
             RewardConfig(),
             PheromoneConfig(**team["pheromone"]),
             networks.act,
+            team["keep_distance"],
         )
 
     def _arena(self) -> Arena:

@@ -77,6 +77,7 @@ def robotarium_files(
         "starts": _on_floor(_starts(arena, card.robots, seed), origin).tolist(),
         "arena": _arena_table(arena),
         "layout": asdict(card.env.layout_in(arena)),
+        "keep_distance": card.env.keep_distance,
         "pheromone": card.env.pheromone.model_dump(),
         "network": card.network.model_dump(),
         "gains": card.gains,
