@@ -157,7 +157,8 @@ class CardinalDriver:
         steps = CARDINAL_STEPS.take(actions, axis=0)
         target = cells + steps
         # Nobody drives into a wall: with one ahead, a robot closes up to the middle of its cell and halts.
-        clear = self._free.take(target[..., 1] * self._columns + target[..., 0])
+        # Whoever stands on the map's border, as a real robot may, has a wall ahead beyond it, too.
+        clear = self._free.take(target[..., 1] * self._columns + target[..., 0], mode="clip")
         to_middle = (cells + 0.5 - coordinates) * steps
         far = to_middle[..., 0] + to_middle[..., 1] >= self._close_enough
         self._go = ((actions != STOP) & (clear | far)).astype(np.float64)

@@ -245,3 +245,16 @@ def test_who_passes_beside_another_is_not_slowed_down() -> None:
     driver.reset(pose)
     passed = drive(driver, pose, [Wheels.FORWARD, Wheels.FORWARD], decisions=5)
     assert passed[0, :, 0].tolist() == pytest.approx([1.3, 1.0])
+
+
+@pytest.mark.parametrize("action", list(Cardinal))
+@pytest.mark.parametrize(("column", "row"), [(0, 0), (0, 2), (3, 2), (3, 0)])
+def test_whoever_stands_in_a_corner_of_the_map_is_not_driven_off_it(column, row, action):
+    """No simulated robot comes there; real ones do, where walls are only drawn."""
+    free = np.zeros((3, 4), np.bool_)
+    free[1, 1:3] = True
+    driver = make_driver("cardinal", RobotSheet(), free, 0.2, 0.1, 0.3)
+    pose = np.array([[[0.2 * (column + 0.5), 0.2 * (row + 0.5), 0.0]]])
+    driver.reset(pose)
+    driver.begin(pose, np.array([[int(action)]]))
+    assert (driver.wheel_speeds(pose) == 0.0).all()
