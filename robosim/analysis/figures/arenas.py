@@ -119,15 +119,21 @@ def draw_pellets(axes: Axes, arena: Arena, places: NDArray[np.float64]) -> None:
     axes.add_collection(PatchCollection(pellets, facecolor=PELLET_COLOUR, linewidth=0))
 
 
-def draw_robots(axes: Axes, sheets: Sequence[RobotSheet], poses: NDArray[np.float64], colour: str) -> None:
-    """Draw robots of data sheets at [robots, 3] x m, y m, heading rad; a white line points ahead."""
+def draw_robots(
+    axes: Axes,
+    sheets: Sequence[RobotSheet],
+    poses: NDArray[np.float64],
+    colour: str,
+    ahead: str = "white",
+) -> None:
+    """Draw robots of data sheets at [robots, 3] x m, y m, heading rad; a line of that colour points `ahead`."""
     robots, noses = [], []
     for sheet, (x, y, heading) in zip(sheets, poses.tolist(), strict=True):
         robots.append(Polygon(placed(body_outline(sheet), (x, y, heading))))
         reach = 0.5 * sheet.length
         noses.append([(x, y), (x + reach * math.cos(heading), y + reach * math.sin(heading))])
     axes.add_collection(PatchCollection(robots, facecolor=colour, linewidth=0))
-    axes.add_collection(LineCollection(noses, color="white", linewidth=0.8))
+    axes.add_collection(LineCollection(noses, color=ahead, linewidth=0.8 if ahead == "white" else 2.0))
 
 
 def _draw(axes: Axes, arena: Arena) -> None:

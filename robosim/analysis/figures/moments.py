@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from robosim.analysis.figures.arenas import (
@@ -19,6 +21,7 @@ from robosim.analysis.figures.arenas import (
     draw_zones,
 )
 from robosim.analysis.figures.rendering import palette_png
+from robosim.analysis.figures.style import SERIES
 from robosim.arena.model import Arena
 from robosim.episodes.frame import Frame
 from robosim.files import write_whole
@@ -53,6 +56,8 @@ class Moment:
 def save_moments(moments: Sequence[Moment], path: Path) -> None:
     """Draw moments below each other, robots that hold a pellet in red.
 
+    Robots of a mixed team have the colour of their group, and a line ahead in that of pellets when they hold one.
+
     InputError where the file cannot be written.
     """
     heights = [_WIDTH * one.arena.size[1] / one.arena.size[0] for one in moments]
@@ -64,25 +69,39 @@ def save_moments(moments: Sequence[Moment], path: Path) -> None:
         axes = figure.add_axes((0.01, top / total, 0.98, height / total))
         draw_zones(axes, one.arena)
         draw_pellets(axes, one.arena, one.pellets)
-        sheets = one.arena.team(len(one.poses)).sheets
-        for laden, colour in ((False, ROBOT_COLOUR), (True, _LADEN_COLOUR)):
-            shown = np.flatnonzero(one.laden == laden)
-            draw_robots(axes, [sheets[robot] for robot in shown], one.poses[shown], colour)
+        _draw_team(axes, one)
         axes.set_title(one.title, loc="left", fontsize=10)
         axes.set_xlim(0.0, one.arena.size[0])
         axes.set_ylim(0.0, one.arena.size[1])
         axes.set_xticks([])
         axes.set_yticks([])
         top -= _GAP
+    handles = [*_explained(moments[0].arena), disc("pellet", PELLET_COLOUR, 4)]
     figure.legend(
-        handles=[
-            disc("robot", ROBOT_COLOUR, 9),
-            disc("robot with a pellet", _LADEN_COLOUR, 9),
-            disc("pellet", PELLET_COLOUR, 4),
-        ],
+        handles=handles,
         loc="lower left",
-        ncols=3,
+        ncols=len(handles),
         frameon=False,
         fontsize=9,
     )
     write_whole(path, palette_png(figure, _COLOURS))
+
+
+def _draw_team(axes: Axes, moment: Moment) -> None:
+    team = moment.arena.team(len(moment.poses))
+    for number in range(len(team.groups)):
+        for laden in (False, True):
+            shown = np.flatnonzero((team.group == number) & (moment.laden == laden))
+            colour, ahead = _LADEN_COLOUR if laden else ROBOT_COLOUR, "white"
+            if team.mixed:
+                colour, ahead = SERIES[number % len(SERIES)], PELLET_COLOUR if laden else "white"
+            draw_robots(axes, [team.sheets[robot] for robot in shown], moment.poses[shown], colour, ahead)
+
+
+def _explained(arena: Arena) -> list[Line2D]:
+    """Return what the legend says of robots."""
+    if arena.groups:
+        return [
+            disc(group.name, SERIES[number % len(SERIES)], 9) for number, group in enumerate(arena.groups)
+        ]
+    return [disc("robot", ROBOT_COLOUR, 9), disc("robot with a pellet", _LADEN_COLOUR, 9)]
