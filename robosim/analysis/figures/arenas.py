@@ -126,7 +126,7 @@ def draw_robots(
     colour: str,
     ahead: str = "white",
 ) -> None:
-    """Draw robots of data sheets at [robots, 3] x m, y m, heading rad; a line of that colour points `ahead`."""
+    """Draw robots of data sheets at [robots, 3] x m, y m, heading rad; a line points ahead."""
     robots, noses = [], []
     for sheet, (x, y, heading) in zip(sheets, poses.tolist(), strict=True):
         robots.append(Polygon(placed(body_outline(sheet), (x, y, heading))))

@@ -56,8 +56,7 @@ class Moment:
 def save_moments(moments: Sequence[Moment], path: Path) -> None:
     """Draw moments below each other, robots that hold a pellet in red.
 
-    Robots of a mixed team have the colour of their group, and a line ahead in that of pellets when they hold one.
-
+    In a mixed team robots have the colour of their group, and with a pellet a line ahead in that of pellets.
     InputError where the file cannot be written.
     """
     heights = [_WIDTH * one.arena.size[1] / one.arena.size[0] for one in moments]
