@@ -20,6 +20,7 @@ from robosim.control.learned import check_fit
 from robosim.deploy.log import DecisionLog
 from robosim.deploy.readings import Bools, Floats, Readings
 from robosim.deploy.team import RealTeam
+from robosim.discretise.pheromone import SharedMemory
 from robosim.envs.config import env_config
 from robosim.errors import InputError, refused
 from robosim.robot.kinematics import wrap_angle
@@ -31,6 +32,10 @@ SETTLE = 0.5
 """Time in which a robot must come to rest after an emergency stop, s."""
 STILL_WITHIN, STILL_TURN = 0.01, 0.1
 """m and rad: a robot that has moved further since it should have come to rest has not stopped."""
+
+
+NOT_BEGUN = -1
+"""In place of the number of a decision, before the first."""
 
 
 class Chooser(Protocol):
@@ -75,10 +80,12 @@ class Controller:
         max_age: float = MAX_AGE,
         log: DecisionLog | None = None,
         name: str = "policy",
+        memory: SharedMemory | None = None,
     ) -> None:
         """Take a policy; `robots` and `arena` are by default those of its card.
 
-        Readings older than `max_age` (s) stop a robot. InputError, in one sentence that calls the policy
+        Readings older than `max_age` (s) stop a robot. `memory` is the pheromone map that is shared with
+        others; without one the controller keeps its own. InputError, in one sentence that calls the policy
         `name`, for a team or an arena that it does not fit.
         """
         card = policy.card
@@ -99,12 +106,14 @@ class Controller:
             self.config.pheromone,
             policy.act,
             self.config.keep_distance,
+            memory,
         )
         self._emergency = ""
         self._held_since: float | None = None
         self._rest: Floats | None = None
         self._observed = ""
         self._periods = 0
+        self._decision = NOT_BEGUN
         if log is not None:
             log.begin(name, self.config, max_age)
 
@@ -124,22 +133,26 @@ class Controller:
         An emergency stop stays.
         """
         self._periods = 0
+        self._decision = NOT_BEGUN
 
-    def step(self, readings: Readings, now: float) -> Command:
+    def step(self, readings: Readings, now: float, period: int | None = None, held: str = "") -> Command:
         """Return what to do from `now` (s) on; to be called once in every control period.
 
-        Every so many periods a decision is taken. InputError for arrays of the wrong shape, and for first
+        Every so many periods a decision is taken. Periods are counted in calls, or are what `period` says,
+        by which teams whose robots run by themselves decide at the same time. `held` is a reason of the
+        caller's to stop all robots. InputError for arrays of the wrong shape, and for first
         readings in which a robot has no pose on the map; whatever else is wrong with a reading stops the
         robot, and says so.
         """
         readings.require_robots(self.robots)
-        reasons = self._reasons(readings, now)
+        reasons = self._reasons(readings, now, held)
         stopped = np.array([bool(reason) for reason in reasons])
-        period = self._periods
-        begins = period % self.arena.timing.control_steps == 0
+        period = self._periods if period is None else period
+        decision = period // self.arena.timing.control_steps
+        begins = decision != self._decision
         if begins:
             self._decide(readings, stopped)
-        self._periods += 1
+        self._periods, self._decision = period + 1, decision
         command = Command(
             wheel_speeds=self._team.wheel_speeds(stopped),
             gripper=np.where(stopped, np.int8(Gripper.KEEP), self._team.gripper),
@@ -171,16 +184,16 @@ class Controller:
     def resume(self) -> None:
         """End an emergency stop; robots go on with the next decision."""
         self._emergency = ""
-        if self._periods:
+        if self._decision != NOT_BEGUN:
             self._team.stand()
 
-    def _reasons(self, readings: Readings, now: float) -> tuple[str, ...]:
+    def _reasons(self, readings: Readings, now: float, held: str) -> tuple[str, ...]:
         """Take in the poses that can be used; return why each robot must stop, or nothing."""
         pose = readings.pose
         width, height = self.arena.size
         seen = np.asarray(np.isfinite(pose).all(axis=1))
         on_map = self._team.on_map(pose)
-        if self._periods == 0 and not on_map.all():
+        if self._decision == NOT_BEGUN and not on_map.all():
             robot = int(np.argmin(on_map))
             raise InputError(
                 f"readings: pose of robot {robot} is {_shown(pose[robot])}, but must be on the map of "
@@ -189,8 +202,8 @@ class Controller:
         self._team.place(pose, on_map)
         age = now - readings.time
         fresh = np.abs(age) <= self._max_age
-        if self._emergency:
-            return (self._emergency,) * self.robots
+        if self._emergency or held:
+            return (self._emergency or held,) * self.robots
         return tuple(
             "no pose"
             if not seen[robot]
@@ -203,7 +216,7 @@ class Controller:
         )
 
     def _decide(self, readings: Readings, stopped: Bools) -> None:
-        observation = self._team.decide(readings, stopped, anew=self._periods == 0)
+        observation = self._team.decide(readings, stopped, anew=self._decision == NOT_BEGUN)
         # Added, since the two zeros are one number to whoever reads them.
         self._observed = hashlib.sha256((observation + np.float32(0.0)).tobytes()).hexdigest()
 

@@ -15,7 +15,7 @@ from robosim.arena.model import Arena, Zone
 from robosim.deploy.readings import Bools, Floats, Readings, blank_team, take_in
 from robosim.discretise.dec_pomdp import DecPomdp
 from robosim.discretise.observation import ObservationLayout
-from robosim.discretise.pheromone import PheromoneConfig
+from robosim.discretise.pheromone import PheromoneConfig, SharedMemory
 from robosim.discretise.reward import RewardConfig
 from robosim.robot.drivers import STOP, make_driver
 from robosim.robot.kinematics import wrap_angle
@@ -50,7 +50,9 @@ class RealTeam:
         pheromone: PheromoneConfig,
         act: Act,
         keep_distance: float | None = None,
+        memory: SharedMemory | None = None,
     ) -> None:
+        """`memory` is the pheromone map that is shared with others; without one the team has its own."""
         team, timing = arena.team(robots), arena.timing
         sheet = team.sheet
         setting = _Setting(
@@ -64,7 +66,7 @@ class RealTeam:
         self.arena = arena
         self.robots = robots
         self._act = act
-        self._dec = DecPomdp(setting, layout, reward, pheromone)
+        self._dec = DecPomdp(setting, layout, reward, pheromone, memory=memory)
         free = arena.zones != Zone.WALL
         self._driver = make_driver(
             layout.actions,

@@ -18,7 +18,7 @@ from robosim.discretise.modes import Mode, gripper_commands, modes
 from robosim.discretise.noise import EXACT_READING, Reader, ReadingConfig
 from robosim.discretise.observation import ObservationLayout, OwnState, write_own_state
 from robosim.discretise.own_frame import Surroundings, turned
-from robosim.discretise.pheromone import PheromoneConfig, PheromoneMap
+from robosim.discretise.pheromone import PheromoneConfig, PheromoneMap, SharedMemory
 from robosim.discretise.reward import RewardConfig
 from robosim.discretise.sensing import ExactSensor, Percept, Sensor
 from robosim.discretise.truth import Bools, Motion, Truth, encounters
@@ -42,13 +42,19 @@ class DecPomdp:
         pheromone: PheromoneConfig,
         sensor: Sensor | None = None,
         reading: ReadingConfig = EXACT_READING,
+        memory: SharedMemory | None = None,
     ) -> None:
-        """Without a `sensor` the robots perceive the world as it is; `reading` is of the pheromone map."""
+        """Without a `sensor` the robots perceive the world as it is; `reading` is of the pheromone map.
+
+        Without a `memory` the pheromone map is one of its own, with the constants of `pheromone`.
+        """
         arena, num_envs = setting.arena, setting.num_envs
         shape = (num_envs, setting.robots)
         self.layout = layout
         self.grid = Grid(arena, margin=max(pheromone.radius, 1))
         self.pheromone = PheromoneMap(self.grid, num_envs, pheromone, layout.num_actions)
+        """The map of this team; stays as it is where robots use a `memory` elsewhere."""
+        self._memory: SharedMemory = memory or self.pheromone
         self.truth = Truth(setting, reward)
         """Rewards, and who collided and was blocked."""
         self.mode = np.zeros(shape, dtype=np.uint8)
@@ -86,7 +92,7 @@ class DecPomdp:
 
     def reset(self, state: WorldState, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment from the worlds' state; sensors draw from `seeds`."""
-        self.pheromone.reset()
+        self._memory.reset()
         shape = state.held.shape
         self.collisions = np.zeros(shape, dtype=np.int64)
         self.in_place = np.zeros(shape, dtype=np.int64)
@@ -145,7 +151,7 @@ class DecPomdp:
         self.shown_mode = np.where(blocked, COLLISION, self.mode)
         self.collisions = self.collisions * (self.mode == self._was_mode) + collided
         self.previous_action = actions.copy()
-        self.pheromone.update(self._seen.cell, self.shown_mode, self._percept.laden, actions)
+        self._memory.update(self._seen.cell, self.shown_mode, self._percept.laden, actions)
         if self._reader is not None:
             self._patch = self._reader.read(self._around_on_map())
 
@@ -188,22 +194,23 @@ class DecPomdp:
         )
         end = write_own_state(layout, own, out)
         if layout.patch:
-            patch = out[..., end : end + self.pheromone.patch_size]
+            patch = out[..., end : end + self._memory.patch_size]
             if self._reader is None:
                 self._read_map(patch)
             else:
                 patch[...] = self._patch
         if layout.density:
-            density = self.density if seen is self._true else self.grid.tunnel_density(seen.cell)
+            known = seen is self._true and self._memory is self.pheromone
+            density = self.density if known else self._memory.tunnel_density(seen.cell)
             np.minimum(density, 1.0, out=out[..., -1].T)
         return out
 
     def _read_map(self, out: NDArray[np.float32]) -> None:
         """Write what is on the pheromone map around where robots take themselves to be."""
-        self.pheromone.read(self._seen.cell, out, self._seen.heading if self.layout.own_frame else None)
+        self._memory.read(self._seen.cell, out, self._seen.heading if self.layout.own_frame else None)
 
     def _around_on_map(self) -> NDArray[np.float32]:
-        patch = np.empty((*self._seen.cell.shape, self.pheromone.patch_size), dtype=np.float32)
+        patch = np.empty((*self._seen.cell.shape, self._memory.patch_size), dtype=np.float32)
         self._read_map(patch)
         return patch
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,23 @@ class PheromoneConfig(Record):
         return self.reinforcement / self.decay
 
 
+class SharedMemory(Protocol):
+    """A pheromone map as robots use it: in the process that asks, or a service elsewhere."""
+
+    @property
+    def patch_size(self) -> int: ...
+
+    def reset(self) -> None: ...
+
+    def update(
+        self, cell: Integers, mode: NDArray[np.uint8], laden: NDArray[np.bool_], action: Integers
+    ) -> None: ...
+
+    def read(self, cell: Integers, out: NDArray[np.float32], heading: Floats | None = None) -> None: ...
+
+    def tunnel_density(self, cell: Integers) -> Floats: ...
+
+
 class PheromoneMap:
     """Occupancy and the last visitors' marks for every cell, [envs, ...].
 
@@ -90,6 +107,17 @@ class PheromoneMap:
         """Numbers in a robot's field of view, all channels."""
         return len(CHANNELS) * len(self._patch)
 
+    @property
+    def values(self) -> Floats:
+        """[envs, channels, cells] all that the map holds, by the grid's flat index; a copy."""
+        return self._maps.copy()
+
+    def restore(self, values: Floats) -> None:
+        """Take over what `values` of a map of the same shape has returned; ValueError for another shape."""
+        if np.shape(values) != self._maps.shape:
+            raise ValueError(f"a map of shape {np.shape(values)} is not one of shape {self._maps.shape}")
+        self._maps[...] = values
+
     def reset(self) -> None:
         """Return every environment's map to its initial state."""
         self._maps.fill(0.0)
@@ -102,6 +130,10 @@ class PheromoneMap:
         padded = self._maps[:, 0].reshape(-1, *self._grid.shape)
         return padded[:, margin:-margin, margin:-margin]
 
+    def tunnel_density(self, cell: Integers) -> Floats:
+        """Return robots in the tunnel per cell of its length, for cells [envs, robots]; [envs]."""
+        return self._grid.tunnel_density(cell)
+
     def update(
         self, cell: Integers, mode: NDArray[np.uint8], laden: NDArray[np.bool_], action: Integers
     ) -> None:
@@ -110,16 +142,22 @@ class PheromoneMap:
         All arguments are [envs, robots]; `cell` is the flat index. Of several robots in one cell the
         last one leaves its marks, and the visit counts once.
         """
-        flat, size = self._flat, self._grid.size
         occupancy = self._maps[:, 0]
         occupancy *= 1.0 - self._config.decay
+        self.mark(cell, mode, laden, action)
+        if self._config.diffusion > 0.0:
+            self._diffuse(occupancy)
+
+    def mark(
+        self, cell: Integers, mode: NDArray[np.uint8], laden: NDArray[np.bool_], action: Integers
+    ) -> None:
+        """Leave the marks of robots without advancing; arguments as in `update`."""
+        flat, size = self._flat, self._grid.size
         here = cell + self._first_cell
         flat[here] = flat.take(here) + self._config.reinforcement
         for mark in (_MODE_MARKS.take(mode), laden, self._action_marks.take(action)):
             here += size
             flat[here] = mark
-        if self._config.diffusion > 0.0:
-            self._diffuse(occupancy)
 
     def _diffuse(self, rho: Floats) -> None:
         row = self._grid.shape[1]
