@@ -6,7 +6,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "train": ("torch", "tensorboard", "tomli_w"),
     "view": ("rerun",),
     "report": ("jinja2", "matplotlib", "PIL"),
-    "deploy": ("onnx", "onnxruntime"),
+    "deploy": ("onnx", "onnxruntime", "zenoh"),
     "mujoco": ("mujoco",),
     "cluster": ("ray",),
 }

@@ -1,0 +1,1 @@
+"""How the processes of a deployed team talk: messages, what is believed of them, and Zenoh below."""
