@@ -8,10 +8,11 @@ SHELL := /bin/bash
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help venv demo test test-slow lint clean
+.PHONY: help venv demo deploy-demo test test-slow lint clean
 
 help:
 	@echo "make demo    train a small team, evaluate it, record a playback (a few minutes)"
+	@echo "make deploy-demo  eight robots, each a process of its own, live in the viewer (three minutes)"
 	@echo "make test    run the tests"
 	@echo "make test-slow  the tests that take long"
 	@echo "make lint    ruff, mypy, import-linter"
@@ -30,6 +31,10 @@ $(STAMP): pyproject.toml constraints.txt
 
 demo: $(STAMP)
 	@$(BIN)/robosim demo
+
+# Without a display only the recording is written.
+deploy-demo: $(STAMP)
+	@$(BIN)/robosim deploy demo
 
 test: $(STAMP)
 	@$(BIN)/python -m pytest --quiet -n $(WORKERS)

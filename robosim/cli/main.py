@@ -20,6 +20,7 @@ from robosim.cli.arena import Arena
 from robosim.cli.bench import Bench
 from robosim.cli.compare import Compare
 from robosim.cli.demo import Demo
+from robosim.cli.deploy import Deploy
 from robosim.cli.evaluate import Evaluate
 from robosim.cli.export import Export
 from robosim.cli.extras import missing_extra
@@ -33,7 +34,7 @@ DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play
 
 `--version` prints the version. `--debug` anywhere, or ROBOSIM_DEBUG=1, shows the traceback of a failure."""
 
-Subcommand = Demo | Arena | Train | Evaluate | Sweep | Compare | Play | Policy | Export | Bench
+Subcommand = Demo | Arena | Train | Evaluate | Sweep | Compare | Play | Policy | Export | Deploy | Bench
 """A parsed command line, ready to run."""
 
 
@@ -121,6 +122,7 @@ def _subcommands(train: type[Train]) -> Any:
         "play": Play,
         "policy": Policy,
         "export": Export,
+        "deploy": Deploy,
         "bench": Bench,
     }
     return Union[tuple(Annotated[command, tyro.conf.subcommand(name)] for name, command in named.items())]  # noqa: UP007

@@ -32,8 +32,6 @@ SETTLE = 0.5
 """Time in which a robot must come to rest after an emergency stop, s."""
 STILL_WITHIN, STILL_TURN = 0.01, 0.1
 """m and rad: a robot that has moved further since it should have come to rest has not stopped."""
-
-
 NOT_BEGUN = -1
 """In place of the number of a decision, before the first."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn
 
@@ -20,8 +22,11 @@ _WIDE = 2.2
 """An arena this many times wider than high takes the whole width of the window."""
 
 
-def make_blueprint(arena: Arena, robots: int) -> rrb.Blueprint:
-    """Return the layout: the arena as large as its shape allows, modes below it, plots and log around."""
+def make_blueprint(arena: Arena, robots: int, *, follow: bool = False) -> rrb.Blueprint:
+    """Return the layout: the arena as large as its shape allows, modes below it, plots and log around.
+
+    With `follow` the viewer shows the newest moment as a run goes on.
+    """
     width, height = arena.size
     modes = _mode_views()
     delivered = _plot("Pellets delivered by the team", entities.DELIVERED, legend=False)
@@ -37,6 +42,7 @@ def make_blueprint(arena: Arena, robots: int) -> rrb.Blueprint:
         rrb.TextDocumentView(origin=entities.ABOUT, name="About this run"),
     )
     view, legend = _arena_view(arena), _legend_view(len(palette.legend(arena.team(robots))))
+    playing: Literal["following", "paused"] = "following" if follow else "paused"
     layout: rrb.Container
     if width > _WIDE * height:
         plots = rrb.Grid(delivered, each, density, reward, grid_columns=2)
@@ -50,7 +56,7 @@ def make_blueprint(arena: Arena, robots: int) -> rrb.Blueprint:
         layout,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=entities.STEP, fps=_PLAYBACK_FPS, play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline=entities.STEP, fps=_PLAYBACK_FPS, play_state=playing),
         auto_views=False,
         auto_layout=False,
     )

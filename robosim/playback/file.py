@@ -21,9 +21,12 @@ _LEAST_SPACE = 1_000_000
 
 
 @contextlib.contextmanager
-def recording_file(path: Path, blueprint: rrb.Blueprint, name: str) -> Iterator[rr.RecordingStream]:
+def recording_file(
+    path: Path, blueprint: rrb.Blueprint, name: str, viewer: str = ""
+) -> Iterator[rr.RecordingStream]:
     """Give a stream that becomes the recording `path` when the block ends without an exception.
 
+    A viewer that listens at the URL `viewer` is shown it meanwhile.
     Until then the bytes are in a hidden file beside it, which an exception removes. Raises InputError
     at once if nothing can be written there, and OSError at the end if the file did not become whole.
     """
@@ -34,7 +37,10 @@ def recording_file(path: Path, blueprint: rrb.Blueprint, name: str) -> Iterator[
     try:
         require_space(part.parent, _LEAST_SPACE)
         with rr.RecordingStream(APPLICATION) as stream:
-            stream.save(part, default_blueprint=blueprint)
+            if viewer:
+                stream.set_sinks(rr.FileSink(part), rr.GrpcSink(viewer), default_blueprint=blueprint)
+            else:
+                stream.save(part, default_blueprint=blueprint)
             stream.send_recording_name(name)
             yield stream
             finished = True

@@ -114,7 +114,12 @@ class Recorder:
 
 @contextlib.contextmanager
 def recording(
-    path: str | Path, arena: Arena, *, robots: int, about: Mapping[str, str] | None = None
+    path: str | Path,
+    arena: Arena,
+    *,
+    robots: int,
+    about: Mapping[str, str] | None = None,
+    viewer: str = "",
 ) -> Iterator[Recorder]:
     """Record the frames of one episode of `robots` robots in `arena` to `path`, a .rrd file.
 
@@ -125,6 +130,7 @@ def recording(
 
     The file appears under its name when the block ends without an exception; with one, nothing is
     left. Raises InputError on entry if the file cannot be written. `about` says what the run is, in words.
+    A viewer that listens at the URL `viewer` shows what has been flushed.
     """
     facts = {
         "arena": f"{arena.name}: {arena.description}",
@@ -132,7 +138,8 @@ def recording(
         **(about or {}),
     }
     name = ", ".join((arena.name, f"{robots} robots", *(about or {}).values()))
-    with recording_file(Path(path), make_blueprint(arena, robots), name) as stream:
+    blueprint = make_blueprint(arena, robots, follow=bool(viewer))
+    with recording_file(Path(path), blueprint, name, viewer) as stream:
         send_scene(stream, arena, robots)
         recorder = Recorder(stream, arena, robots, Path(path).parent, facts)
         yield recorder

@@ -1,0 +1,1 @@
+"""The processes of a deployed team: a process a robot, the pheromone service, and the world."""

@@ -1,0 +1,347 @@
+"""`robosim deploy robot`: a process that drives one robot."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from robosim.arena.model import Arena
+from robosim.deploy.controller import Chooser, Controller
+from robosim.deploy.link.lines import Lines
+from robosim.deploy.link.mail import Letter, Mail
+from robosim.deploy.link.messages import (
+    NO_POSE,
+    NOBODY,
+    Body,
+    Clock,
+    Deposit,
+    Pose,
+    Reading,
+    Stage,
+    WheelCommand,
+)
+from robosim.deploy.link.session import Link
+from robosim.deploy.link.setup import setup_number
+from robosim.deploy.link.streams import Stream
+from robosim.deploy.processes.clock import WorldClock
+from robosim.deploy.processes.remote_map import RemoteMap
+from robosim.deploy.processes.stopping import Ending
+from robosim.deploy.processes.times import HEARTBEAT, MAP_STALE, STALE, TAKEOVER, patience
+from robosim.deploy.readings import NOTHING, Floats, Readings, of_one_robot
+from robosim.envs.config import EnvConfig
+from robosim.errors import InputError
+from robosim.world.state import Gripper
+
+_STAND = (0.0, 0.0, int(Gripper.KEEP))
+
+
+class RobotProcess:
+    """Drives one robot by the team's policy, from its own sensors, the tracker's poses and the shared map."""
+
+    def __init__(
+        self,
+        policy: Chooser,
+        robot: int,
+        config: EnvConfig,
+        arena: Arena,
+        link: Link,
+        lines: Lines,
+        name: str = "policy",
+    ) -> None:
+        """InputError, in one sentence, for a policy that does not fit, or that needs all robots' eyes."""
+        if policy.card.network.input == "team":
+            raise InputError(
+                f"policy {name} chooses for the whole team from what all robots observe, so robots cannot "
+                "run it by themselves; drive them by one robosim.deploy.Controller."
+            )
+        self._robot = robot
+        self._link, self._lines = link, lines
+        self._mail = Mail(link, lines, config.robots)
+        self._memory = RemoteMap(arena, config.pheromone, robot, self._exchange)
+        self._controller = Controller(
+            policy, config.robots, arena, max_age=STALE, name=name, memory=self._memory
+        )
+        self._timing = arena.timing
+        layout = self._controller.layout
+        self._needs_map = layout.patch or layout.density
+        # Whoever observes which cells around it are free, or keeps a distance, sees others by the tracker.
+        sees_others = layout.encoding == "expanded" and (layout.neighbours or layout.own_frame)
+        self._needs_others = sees_others or config.keep_distance is not None
+        self._clock = WorldClock(setup_number(self._controller.config), config.robots, f"robot {robot}")
+        self._world = NOBODY
+        self._poses = [Stream() for _ in range(config.robots)]
+        self._pose = np.full((config.robots, 3), np.nan)
+        self._pose_time = 0.0
+        self._body_stream = Stream()
+        self._body = Body(0.0, laden=False, at_pellet=False, touched=(False, False, False), pellet=None)
+        self._reading_stream = Stream()
+        self._reading: Reading | None = None
+        self._map_since = time.monotonic()
+        self._maps: set[int] = set()
+        self._period = NOTHING
+        self._fresh = False
+        self._fresh_at = 0.0
+        self._answered = NO_POSE
+        self._command = _STAND
+        self._sent_at = 0.0
+        self._stopped = ""
+        self.decisions = self.unanswered = 0
+        self.stops: dict[str, int] = {}
+        """How often the robot was stopped, for each kind of reason."""
+
+    def run(self, ending: Ending, patience_s: float) -> None:
+        """Drive until the world ends or the process is asked to.
+
+        InputError when no world is heard within `patience_s`, or another process drives this robot.
+        """
+        link, robot = self._link, self._robot
+        for key in ("clock", f"body/{robot}", "pose/*" if self._needs_others else f"pose/{robot}"):
+            link.hear(key)
+        if self._needs_map:
+            link.hear(f"reading/{robot}")
+            link.watch("alive/pheromones/*")
+        self._join(ending, patience_s)
+        while not ending.asked and self._clock.stage != Stage.OVER:
+            self._pump(self._until_due())
+            self._require_own()
+            now = time.monotonic()
+            if self._fresh and self._clock.stage == Stage.RUNNING and self._until_due() <= 0.0:
+                self._drive(now)
+            elif now - self._sent_at >= HEARTBEAT / self._clock.scale:
+                self._repeat(now)
+        self._send(_STAND, time.monotonic())
+        why = "asked to end" if ending.asked else "the world has ended"
+        lost = sum(stream.lost for stream in (*self._poses, self._body_stream, self._reading_stream))
+        self._lines.say(
+            f"ends: {why}; {self.decisions} decisions, {self.unanswered} without a reading in time; "
+            f"{lost} messages lost on the way; stopped {self.stops or 'never'}"
+        )
+        self._lines.sum_up()
+
+    def _until_due(self) -> float:
+        """Return how long to wait for mail, s: of a control period, the clock comes last."""
+        if not self._fresh:
+            return HEARTBEAT / self._clock.scale
+        clock = self._clock.latest
+        if clock is not None and clock.time >= self._pose_time:
+            return 0.0
+        waits = 0.5 * patience(self._timing.control_period, self._clock.speed)
+        return max(self._fresh_at + waits - time.monotonic(), 0.0)
+
+    def _join(self, ending: Ending, patience_s: float) -> None:
+        """Wait for the world, and for being the one whose commands it obeys."""
+        began = time.monotonic()
+        robot, link = self._robot, self._link
+        self._lines.say("waiting for the world")
+        while self._clock.latest is None and not ending.asked:
+            self._pump(HEARTBEAT)
+            if time.monotonic() - began > patience_s:
+                raise InputError(f"robot {robot}: no world is heard, after {patience_s:g} s; start it first.")
+        link.appear(f"alive/robot/{robot}/{link.instance:x}")
+        began = time.monotonic()
+        while self._clock.driver(robot) != link.instance and not ending.asked:
+            self._pump(HEARTBEAT)
+            if time.monotonic() - began > TAKEOVER:
+                self._require_own()
+                raise InputError(f"robot {robot}: the world does not take note of this process.")
+        self._map_since = time.monotonic()
+        self._lines.say("drives")
+
+    def _require_own(self) -> None:
+        """Raise InputError if the world obeys another process under this robot's name."""
+        if self._clock.driver(self._robot) not in (NOBODY, self._link.instance):
+            self._send(_STAND, time.monotonic())
+            raise InputError(
+                f"robot {self._robot}: another process drives this robot; end it before another one is "
+                "started."
+            )
+
+    def _pump(self, timeout: float) -> None:
+        for item in self._mail.take(timeout):
+            if isinstance(item, Letter):
+                dropped = self._take(item)
+                if dropped:
+                    self._lines.drop(item.key, dropped)
+            elif item.role == "pheromones":
+                (self._maps.add if item.there else self._maps.discard)(item.instance)
+
+    def _take(self, letter: Letter) -> str:
+        """Take in a message; return why it is dropped, or nothing."""
+        header, message = letter.header, letter.message
+        if isinstance(message, Clock):
+            dropped = self._clock.take(letter)
+            if not dropped and self._clock.world != self._world:
+                self._begin(self._clock.world)
+            return dropped
+        if self._world == NOBODY:
+            return ""  # Too early: until the clock is heard, nobody is believed.
+        if isinstance(message, Pose):
+            return self._take_pose(letter, message)
+        if isinstance(message, Body):
+            self._body_stream.bind(self._world)
+            dropped = self._body_stream.admit(header, letter.at)
+            if not dropped:
+                self._body = message
+            return dropped
+        if isinstance(message, Reading):
+            self._reading_stream.bind(self._clock.service)
+            dropped = self._reading_stream.admit(header, letter.at)
+            if not dropped:
+                self._reading, self._map_since = message, letter.at
+            return dropped
+        return "of a kind that a robot does not take"
+
+    def _begin(self, world: int) -> None:
+        if self._world != NOBODY:
+            self._lines.say("another run of the world: begins anew")
+        self._world = world
+        self._controller.reset()
+        self._period = NOTHING
+        self._fresh = False
+        self._reading = None
+        self._answered = NO_POSE
+        self._pose[...] = np.nan
+
+    def _take_pose(self, letter: Letter, pose: Pose) -> str:
+        other = letter.header.robot
+        stream = self._poses[other]
+        stream.bind(self._world)
+        dropped = stream.admit(letter.header, letter.at)
+        if dropped:
+            return dropped
+        place = np.array([pose.x, pose.y, pose.heading])
+        # Of others the last place on the map counts: a robot must not stop because another one is lost.
+        if other == self._robot or self._on_map(place):
+            self._pose[other] = place
+        if other == self._robot:
+            # A little later than exactly, since a time just below a border is meant to be on it.
+            period = int(pose.time / self._timing.control_period + 1e-6)
+            if period > self._period:
+                self._fresh, self._fresh_at = True, letter.at
+            self._period = max(period, self._period)
+            self._pose_time = pose.time
+        return ""
+
+    def _on_map(self, pose: Floats) -> bool:
+        width, height = self._controller.arena.size
+        # Comparisons with NaN do not hold.
+        return bool(0.0 <= pose[0] < width and 0.0 <= pose[1] < height)
+
+    def _drive(self, now: float) -> None:
+        """Take in the newest readings, decide if a decision begins, and command the wheels."""
+        self._fresh = False
+        self._answered = self._pose_time
+        period = self._period
+        self._memory.decision = decision = period // self._timing.control_steps
+        readings, world_now = self._readings(now)
+        if self._controller.decisions == 0 and not self._on_map(readings.pose[self._robot]):
+            self._stop("no pose on the map yet", now)
+            return
+        command = self._controller.step(readings, world_now, period, self._held(now))
+        self.decisions += command.actions is not None
+        robot = self._robot
+        reason = command.stopped[robot]
+        if reason:
+            self._stop(reason, now)
+            return
+        self._go_on(decision)
+        left, right = command.wheel_speeds[robot]
+        self._command = float(left), float(right), int(command.gripper[robot])
+        self._send(self._command, time.monotonic())
+
+    def _repeat(self, now: float) -> None:
+        """Say the last command again where nothing new is seen, or stop where that has been too long."""
+        reason = self._blind(now) or self._held(now)
+        if self._clock.stage != Stage.RUNNING:
+            self._map_since = now
+            # The world begins when all speak, so whoever cannot reach the map does not.
+            if self._maps or not self._needs_map:
+                self._send(_STAND, now)
+        elif reason:
+            self._stop(reason, now)
+        else:
+            self._send(self._command, now)
+
+    def _readings(self, now: float) -> tuple[Readings, float]:
+        """Return what is known of the team, and the time of the world."""
+        scale = self._clock.scale
+        age = scale * np.array([stream.age(now) for stream in self._poses])
+        own = self._robot
+        world_now = self._pose_time + age[own]
+        pose = self._pose.copy()
+        # Where nothing is known of others, they are where they disturb nobody: with the robot itself.
+        unseen = np.isnan(pose).any(axis=1) | ~np.isfinite(age)
+        pose[unseen] = pose[own]
+        age[unseen] = age[own]
+        body = self._body
+        readings = of_one_robot(
+            own,
+            world_now - age,
+            pose,
+            laden=body.laden,
+            at_pellet=body.at_pellet,
+            touched=body.touched,
+            pellet=body.pellet,
+        )
+        return readings, world_now
+
+    def _blind(self, now: float) -> str:
+        """Return why the robot does not know where it is or what it holds, or nothing."""
+        scale = self._clock.scale
+        for what, stream in (("pose", self._poses[self._robot]), ("sensors", self._body_stream)):
+            age = scale * stream.age(now)
+            if age > STALE:
+                return f"{what} of {_seconds(age)} ago"
+        return ""
+
+    def _held(self, now: float) -> str:
+        """Return why the robot must not move although it knows where it is, or nothing."""
+        age = self._clock.scale * self._body_stream.age(now)
+        if age > STALE:
+            return f"sensors of {_seconds(age)} ago"
+        if self._clock.driver(self._robot) != self._link.instance:
+            return "the world does not know this process"
+        unread = self._clock.scale * (now - self._map_since)
+        if self._needs_map and unread > MAP_STALE:
+            return f"nothing read of the pheromone map for {_seconds(unread)}"
+        return ""
+
+    def _exchange(self, deposit: Deposit) -> Reading | None:
+        """Send a deposit, and return the reading that answers it; None if it does not come in time."""
+        self._link.send(f"deposit/{self._robot}", deposit, self._robot)
+        waits_until = time.monotonic() + patience(self._timing.control_period, self._clock.speed)
+        while True:
+            reading = self._reading
+            if reading is not None and reading.decision >= deposit.decision:
+                return reading
+            left = waits_until - time.monotonic()
+            if left <= 0.0:
+                break
+            self._pump(left)
+        self.unanswered += 1
+        return self._reading
+
+    def _stop(self, reason: str, now: float) -> None:
+        kind = reason.split(" of ")[0].split(" for ")[0].split(" is ")[0].split(" at ")[0]
+        if kind != self._stopped:
+            self._lines.say(f"stopped: {reason}")
+            self.stops[kind] = self.stops.get(kind, 0) + 1
+            self._stopped = kind
+        self._command = _STAND
+        self._send(_STAND, now)
+
+    def _go_on(self, decision: int) -> None:
+        if self._stopped:
+            self._lines.say(f"goes on, at decision {decision}")
+            self._stopped = ""
+
+    def _send(self, command: tuple[float, float, int], now: float) -> None:
+        self._sent_at = now
+        left, right, gripper = command
+        answer = WheelCommand(self._answered, left, right, gripper)
+        self._link.send(f"wheels/{self._robot}", answer, self._robot)
+
+
+def _seconds(age: float) -> str:
+    return f"{age:.2f} s" if np.isfinite(age) else "any time"

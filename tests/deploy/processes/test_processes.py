@@ -1,0 +1,336 @@
+"""The processes of a team on a real link: who is obeyed, what stops a robot, and what comes of it."""
+
+import hashlib
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+from io import StringIO
+
+import numpy as np
+import pytest
+
+from robosim.cli.main import main
+from robosim.control.policy import load_policy
+from robosim.deploy.controller import Controller
+from robosim.deploy.link.access import LinkConfig
+from robosim.deploy.link.lines import Lines
+from robosim.deploy.link.mail import Letter, Mail
+from robosim.deploy.link.messages import (
+    MOST_BYTES,
+    Body,
+    Clock,
+    Pose,
+    Reading,
+    Stage,
+    WheelCommand,
+    patch_numbers,
+)
+from robosim.deploy.link.session import Link
+from robosim.deploy.link.setup import setup_number
+from robosim.deploy.processes import pheromones as service_module
+from robosim.deploy.processes import robot as robot_module
+from robosim.deploy.processes.launch import free_addresses
+from robosim.deploy.processes.pheromones import PheromoneService
+from robosim.deploy.processes.robot import RobotProcess
+from robosim.deploy.processes.stopping import Ending
+from robosim.deploy.processes.world import AS_FAST_AS_ALL_ANSWER, WorldProcess
+from robosim.deploy.simulated import SimulatedRobots
+from robosim.errors import InputError
+
+POLICY = load_policy("paper-2-smadrl")
+CONTROLLER = Controller(POLICY)
+CONFIG = CONTROLLER.config.changed(pellet_gradient=0.0, profile=None)
+ARENA = CONTROLLER.arena
+SETUP = setup_number(CONFIG)
+
+
+@contextmanager
+def running(*jobs):
+    """Run processes as threads until the block ends; what they raise is raised then."""
+    ending, failed = Ending(), []
+
+    def run(job):
+        try:
+            job(ending)
+        except Exception as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=run, args=(job,)) for job in jobs]
+    for thread in threads:
+        thread.start()
+    try:
+        yield failed
+    finally:
+        ending.asked = True
+        for thread in threads:
+            thread.join(10.0)
+
+
+def until(holds, timeout=5.0):
+    """Wait until something holds; whether it has in time."""
+    limit = time.monotonic() + timeout
+    while not holds() and time.monotonic() < limit:
+        time.sleep(0.005)
+    return holds()
+
+
+@pytest.fixture
+def link_config():
+    world_at, map_at = free_addresses(2)
+    return LinkConfig(team="test", world_at=world_at, map_at=map_at)
+
+
+def robot_process(number, config, stack, text=None):
+    link = stack.enter_context(
+        Link(f"robot-{number}", config, connect=(config.world_at, config.map_at), robots=2)
+    )
+    return RobotProcess(POLICY, number, CONFIG, ARENA, link, Lines(f"robot {number}", text or StringIO()))
+
+
+def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config):
+    decisions = 12
+    one = SimulatedRobots(CONFIG, 5)
+    trajectory = hashlib.sha256()
+    controller = Controller(POLICY)
+    for _ in range(decisions):
+        for _ in range(3):
+            one.obey(controller.step(one.readings(), one.now))
+        trajectory.update(one.world.state.pose[0].tobytes())
+    frames, text = [], StringIO()
+    with ExitStack() as stack:
+        here = stack.enter_context(Link("world", link_config, listen=link_config.world_at))
+        there = stack.enter_context(
+            Link("pheromones", link_config, listen=link_config.map_at, connect=(link_config.world_at,))
+        )
+        service = PheromoneService(CONFIG, ARENA, SETUP, there, Lines("pheromones", text))
+        robots = [robot_process(number, link_config, stack, text) for number in range(2)]
+        world = WorldProcess(
+            SimulatedRobots(CONFIG, 5),
+            SETUP,
+            here,
+            Lines("world", text),
+            speed=AS_FAST_AS_ALL_ANSWER,
+            on_frame=lambda frame: frames.append((frame.step, frame.pheromone.max())),
+        )
+        jobs = [lambda ending, robot=robot: robot.run(ending, 10.0) for robot in robots]
+        with running(service.run, *jobs) as failed:
+            ran = world.run(decisions, Ending(), 10.0)
+    assert failed == []
+    assert ran.trajectory == trajectory.hexdigest(), text.getvalue()
+    assert ran.stopped == [0, 0]
+    assert [step for step, _ in frames] == list(range(decisions + 1))
+    assert frames[-1][1] > 0.1
+    assert [robot.decisions for robot in robots] == [decisions] * 2
+
+
+class WorldByHand:
+    """The world's end of the link, for a robot to be told what a test wants."""
+
+    def __init__(self, link):
+        self.link = link
+        self.mail = Mail(link, Lines("world", StringIO()), 2)
+        self.driver = 0
+        self.time = 0.0
+        self.commands = []
+        self.patch = np.zeros(patch_numbers(CONFIG.pheromone.radius), np.float32)
+        link.appear(f"alive/pheromones/{link.instance:x}")
+        link.hear("wheels/0")
+        link.watch("alive/**")
+
+    def tell(self, seconds, *, stage=Stage.RUNNING, poses=True, speed=1.0):
+        """Publish what a world does, for a while."""
+        place = SimulatedRobots(CONFIG, 5).readings().pose
+        limit = time.monotonic() + seconds
+        while time.monotonic() < limit:
+            if stage == Stage.RUNNING:
+                self.time += 0.1
+            self.link.send("body/0", Body(self.time, False, False, (False, False, False), None), 0)
+            for robot in range(2 * poses):
+                self.link.send(f"pose/{robot}", Pose(self.time, *place[robot].tolist()), robot)
+            reading = Reading(10**6, CONFIG.pheromone.radius, 0.0, self.patch)
+            self.link.send("reading/0", reading, 0)
+            self.link.send(
+                "clock", Clock(SETUP, self.time, speed, stage, self.link.instance, (self.driver, 0))
+            )
+            self.hear(0.02)
+
+    def hear(self, seconds):
+        limit = time.monotonic() + seconds
+        while (left := limit - time.monotonic()) > 0:
+            for item in self.mail.take(left):
+                if isinstance(item, Letter) and isinstance(item.message, WheelCommand):
+                    self.commands.append(item)
+                elif not isinstance(item, Letter) and item.there and item.role == "robot":
+                    self.driver = self.driver or item.instance
+
+    def moving(self):
+        """When commands arrived that move the robot."""
+        return [
+            letter.at for letter in self.commands if (letter.message.left, letter.message.right) != (0, 0)
+        ]
+
+    def tell_until_it_moves(self):
+        self.commands.clear()
+        for _ in range(30):
+            self.tell(0.1)
+            if self.moving():
+                return True
+        return False
+
+
+@pytest.fixture
+def by_hand(link_config):
+    with Link("world", link_config, listen=link_config.world_at) as link:
+        yield WorldByHand(link)
+
+
+def test_a_robot_stops_when_its_pose_gets_old_and_goes_on_when_it_is_seen_again(by_hand, link_config):
+    text = StringIO()
+    with (
+        ExitStack() as stack,
+        running(lambda ending: robot_process(0, link_config, stack, text).run(ending, 10.0)),
+    ):
+        while not by_hand.commands:
+            by_hand.tell(0.1, stage=Stage.WAITING)
+        assert not by_hand.moving()
+        assert by_hand.tell_until_it_moves(), text.getvalue()
+        # The clock and the sensors go on, only the tracker has lost it.
+        blind = time.monotonic()
+        by_hand.commands.clear()
+        by_hand.tell(0.9, poses=False)
+        assert 0.3 < max(by_hand.moving()) - blind < 0.8
+        assert by_hand.commands[-1].at - blind > 0.8
+        assert by_hand.tell_until_it_moves(), text.getvalue()
+    assert "stopped: pose of 0." in text.getvalue()
+    assert "goes on" in text.getvalue()
+    # Asked to end, it commands the wheels to stand.
+    by_hand.hear(0.2)
+    assert by_hand.commands[-1].at not in by_hand.moving()
+
+
+def test_a_second_process_of_one_name_ends_with_a_sentence(by_hand, link_config, monkeypatch):
+    monkeypatch.setattr(robot_module, "TAKEOVER", 0.2)
+    by_hand.driver = 99
+    with ExitStack() as stack:
+        second = robot_process(0, link_config, stack)
+        with running(lambda ending: second.run(ending, 10.0)) as failed:
+            while not failed:
+                by_hand.tell(0.1)
+    assert [type(error) for error in failed] == [InputError]
+    assert str(failed[0]) == (
+        "robot 0: another process drives this robot; end it before another one is started."
+    )
+
+
+def test_a_process_of_another_team_refuses_to_join(by_hand, link_config):
+    config = CONFIG.with_options(pheromone_decay=0.3)
+    assert setup_number(config) != SETUP
+    with Link("pheromones", link_config, listen=link_config.map_at, connect=(link_config.world_at,)) as link:
+        service = PheromoneService(config, ARENA, setup_number(config), link, Lines("pheromones", StringIO()))
+        with running(service.run) as failed:
+            while not failed:
+                by_hand.tell(0.1, stage=Stage.WAITING)
+    assert str(failed[0]) == (
+        "pheromones: the world plays another arena, team or pheromones than this process was started with; "
+        "give all processes the same POLICY, --arena and --robots."
+    )
+
+
+def test_a_second_service_ends_with_a_sentence(by_hand, link_config, monkeypatch):
+    monkeypatch.setattr(service_module, "TAKEOVER", 0.2)
+    with Link("pheromones", link_config, listen=link_config.map_at, connect=(link_config.world_at,)) as link:
+        service = PheromoneService(CONFIG, ARENA, SETUP, link, Lines("pheromones", StringIO()))
+        with running(service.run) as failed:
+            while not failed:
+                by_hand.tell(0.1, stage=Stage.WAITING)
+    assert str(failed[0]) == (
+        "pheromones: another service has the team's map; end it before another one is started."
+    )
+
+
+def test_wheels_obey_one_process_and_only_as_long_as_it_speaks(link_config):
+    """A stranger's commands move nothing, whatever they look like; nor do those of one that is silent."""
+    text = StringIO()
+    engine = SimulatedRobots(CONFIG, 5)
+    start = engine.world.state.pose[0].copy()
+    forward = WheelCommand(0.0, 6.0, 6.0, 0)
+    connect = (link_config.world_at,)
+    with ExitStack() as stack:
+        here = stack.enter_context(Link("world", link_config, listen=link_config.world_at))
+        own = stack.enter_context(Link("robot-0", link_config, connect=connect))
+        stranger = stack.enter_context(Link("stranger", link_config, connect=connect))
+        world = WorldProcess(
+            engine, SETUP, here, Lines("world", text), speed=4.0, needs_map=False, tracker_rate=5.0
+        )
+        own.appear(f"alive/robot/0/{own.instance:x}")
+        with running(lambda ending: world.run(10_000, ending, 0.3)):
+            assert until(lambda: "robot 0 is driven by process" in text.getvalue())
+            assert until(lambda: "begins without robot 0, robot 1" in text.getvalue())
+            for _ in range(20):
+                for robot in range(2):
+                    stranger.send(f"wheels/{robot}", forward, robot)
+                stranger.send_raw("wheels/0", bytes(MOST_BYTES + 1))
+                stranger.send_raw("wheels/0", b"RS")
+                time.sleep(0.01)
+            assert until(lambda: "wheels/0: too long" in text.getvalue())
+            np.testing.assert_allclose(engine.world.state.pose[0], start, atol=1e-9)
+            for _ in range(20):
+                own.send("wheels/0", forward, 0)
+                time.sleep(0.02)
+            moved = np.abs(engine.world.state.pose[0] - start).max(axis=1)
+            assert moved[0] > 0.01
+            assert moved[1] < 1e-9
+            assert until(lambda: "robot 0 is held: its process is silent" in text.getvalue())
+            held_at = engine.now
+            assert until(lambda: engine.now > held_at + 1.0)
+            rest = engine.world.state.pose[0].copy()
+            assert until(lambda: engine.now > held_at + 1.5)
+            np.testing.assert_allclose(engine.world.state.pose[0], rest, atol=1e-6)
+    said = text.getvalue()
+    for reason in ("wheels/0: from another process", "wheels/1: from another process", "wheels/0: too short"):
+        assert reason in said
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (
+            ["robot", "paper-2", "--robot", "1", "--patience", "0.2"],
+            "robosim: robot 1: no world is heard, after 0.2 s; start it first.",
+        ),
+        (
+            ["robot", "paper-2", "--robot", "2"],
+            "robosim: --robot is 2, but must be a whole number from 0 to 1.",
+        ),
+        (
+            ["world", "paper-2", "--speed", "fast"],
+            'robosim: --speed is "fast", but must be a number from 0.01 to 100, or max.',
+        ),
+        (
+            ["world", "paper-2", "--view"],
+            "robosim: --view shows what is recorded: it needs --save RUN.rrd.",
+        ),
+        (
+            ["pheromones", "paper-2", "--loss", "1.5"],
+            "robosim: link: loss is 1.5, but must be a number from 0 to 1.",
+        ),
+        (
+            ["pheromones", "paper-2", "--keys", "nowhere"],
+            (
+                "robosim: nowhere/ca.pem: not found; the folder of keys must hold ca.pem, pheromones.pem, "
+                "pheromones.key."
+            ),
+        ),
+    ],
+)
+def test_wrong_usage_is_a_sentence_and_exit_code_2(command, said, capsys):
+    world_at, map_at = free_addresses(2)
+    assert main(["deploy", *command, "--world-at", world_at, "--map-at", map_at]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == said
+
+
+def test_two_worlds_do_not_listen_at_one_address(link_config, capsys):
+    with Link("world", link_config, listen=link_config.world_at):
+        code = main(["deploy", "world", "paper-2", "--world-at", link_config.world_at, "--patience", "0.1"])
+    assert code == 2
+    assert f"robosim: the link cannot be opened at {link_config.world_at}: " in capsys.readouterr().err
