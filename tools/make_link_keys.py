@@ -55,8 +55,8 @@ def make_keys(folder: Path, robots: int, days: int = 30, hosts: tuple[str, ...] 
             key, certificate = folder / f"{name}.key", folder / f"{name}.pem"
             openssl("req", *CURVE, "-keyout", str(key), "-out", str(request), "-subj", f"/CN={name}")
             key.chmod(0o600)
-            signed_by = ("-CA", str(authority), "-CAkey", str(secret), "-CAcreateserial")
-            signed_by += ("-CAserial", str(Path(scratch) / "serial"))
+            serial = ("-CAcreateserial", "-CAserial", str(Path(scratch) / "serial"))
+            signed_by = ("-CA", str(authority), "-CAkey", str(secret), *serial)
             openssl(
                 *("x509", "-req", "-in", str(request), *signed_by, "-out", str(certificate)),
                 *("-days", str(days), "-extfile", str(extensions)),

@@ -54,6 +54,11 @@ class PheromoneService:
             self._world = self.map.restore(file)
             lines.say(f"{file}: found the map of decision {self.map.decision}")
 
+    @property
+    def lost(self) -> int:
+        """Deposits that were sent and have not come."""
+        return sum(stream.lost for stream in self._streams)
+
     def run(self, ending: Ending) -> None:
         """Serve until the world ends or the process is asked to; InputError if it cannot go on."""
         link = self._link
@@ -70,7 +75,7 @@ class PheromoneService:
         self._save()
         self._lines.say(
             f"ends at decision {self.map.decision} after {self.ticks} ticks, of which {self.incomplete} "
-            f"lacked a robot's deposit; {self.late} deposits came too late"
+            f"lacked a robot's deposit; {self.late} deposits came too late, {self.lost} got lost"
         )
         self._lines.sum_up()
 

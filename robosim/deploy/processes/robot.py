@@ -27,7 +27,7 @@ from robosim.deploy.link.streams import Stream
 from robosim.deploy.processes.clock import WorldClock
 from robosim.deploy.processes.remote_map import RemoteMap
 from robosim.deploy.processes.stopping import Ending
-from robosim.deploy.processes.times import HEARTBEAT, MAP_STALE, STALE, TAKEOVER, patience
+from robosim.deploy.processes.times import HEARTBEAT, MAP_STALE, STALE, TAKEOVER, frame_patience, patience
 from robosim.deploy.readings import NOTHING, Floats, Readings, of_one_robot
 from robosim.envs.config import EnvConfig
 from robosim.errors import InputError
@@ -72,7 +72,8 @@ class RobotProcess:
         self._world = NOBODY
         self._poses = [Stream() for _ in range(config.robots)]
         self._pose = np.full((config.robots, 3), np.nan)
-        self._pose_time = 0.0
+        self._pose_times = np.full(config.robots, NO_POSE)
+        self._pose_time = NO_POSE
         self._body_stream = Stream()
         self._body = Body(0.0, laden=False, at_pellet=False, touched=(False, False, False), pellet=None)
         self._reading_stream = Stream()
@@ -86,9 +87,14 @@ class RobotProcess:
         self._command = _STAND
         self._sent_at = 0.0
         self._stopped = ""
-        self.decisions = self.unanswered = 0
+        self.decisions = self.unanswered = self.early = 0
         self.stops: dict[str, int] = {}
         """How often the robot was stopped, for each kind of reason."""
+
+    @property
+    def lost(self) -> int:
+        """Messages that were sent to this robot and have not come."""
+        return sum(stream.lost for stream in (*self._poses, self._body_stream, self._reading_stream))
 
     def run(self, ending: Ending, patience_s: float) -> None:
         """Drive until the world ends or the process is asked to.
@@ -112,22 +118,26 @@ class RobotProcess:
                 self._repeat(now)
         self._send(_STAND, time.monotonic())
         why = "asked to end" if ending.asked else "the world has ended"
-        lost = sum(stream.lost for stream in (*self._poses, self._body_stream, self._reading_stream))
         self._lines.say(
             f"ends: {why}; {self.decisions} decisions, {self.unanswered} without a reading in time; "
-            f"{lost} messages lost on the way; stopped {self.stops or 'never'}"
+            f"{self.lost} messages lost on the way, {self.early} periods begun before all was heard; "
+            f"stopped {self.stops or 'never'}"
         )
         self._lines.sum_up()
 
     def _until_due(self) -> float:
-        """Return how long to wait for mail, s: of a control period, the clock comes last."""
+        """Return how long to wait for mail, s: all that is said of one moment may come in any order."""
         if not self._fresh:
             return HEARTBEAT / self._clock.scale
-        clock = self._clock.latest
-        if clock is not None and clock.time >= self._pose_time:
+        if self._heard_all():
             return 0.0
-        waits = 0.5 * patience(self._timing.control_period, self._clock.speed)
+        waits = frame_patience(self._timing.control_period, self._clock.speed)
         return max(self._fresh_at + waits - time.monotonic(), 0.0)
+
+    def _heard_all(self) -> bool:
+        """Return whether all has come that belongs to the robot's newest pose."""
+        others = not self._needs_others or bool((self._pose_times >= self._pose_time).all())
+        return others and self._body.time >= self._pose_time
 
     def _join(self, ending: Ending, patience_s: float) -> None:
         """Wait for the world, and for being the one whose commands it obeys."""
@@ -202,6 +212,7 @@ class RobotProcess:
         self._reading = None
         self._answered = NO_POSE
         self._pose[...] = np.nan
+        self._pose_times[...] = self._pose_time = NO_POSE
 
     def _take_pose(self, letter: Letter, pose: Pose) -> str:
         other = letter.header.robot
@@ -210,6 +221,7 @@ class RobotProcess:
         dropped = stream.admit(letter.header, letter.at)
         if dropped:
             return dropped
+        self._pose_times[other] = pose.time
         place = np.array([pose.x, pose.y, pose.heading])
         # Of others the last place on the map counts: a robot must not stop because another one is lost.
         if other == self._robot or self._on_map(place):
@@ -230,6 +242,7 @@ class RobotProcess:
 
     def _drive(self, now: float) -> None:
         """Take in the newest readings, decide if a decision begins, and command the wheels."""
+        self.early += not self._heard_all()
         self._fresh = False
         self._answered = self._pose_time
         period = self._period

@@ -10,7 +10,9 @@ GRACE = 0.4
 """Share of a control period for which the service waits for deposits that are missing."""
 PATIENCE = 0.7
 """Share of a control period for which a robot waits for its reading of the map."""
-SLOWEST_GRACE, SLOWEST_PATIENCE = 0.2, 0.35
+FRAME_PATIENCE = 0.35
+"""Share of a control period for which a robot that has its pose waits for what else belongs to it."""
+SLOWEST_GRACE, SLOWEST_PATIENCE, SLOWEST_FRAME = 0.2, 0.35, 0.4
 """The same where the world goes as fast as all answer, s of the wall clock."""
 HEARTBEAT = 0.1
 """Longest time between two messages of a process that lives, s of the wall clock."""
@@ -33,3 +35,8 @@ def grace(control_period: float, speed: float) -> float:
 def patience(control_period: float, speed: float) -> float:
     """Return how long a robot waits for its reading, s of the wall clock."""
     return PATIENCE * control_period / speed if speed else SLOWEST_PATIENCE
+
+
+def frame_patience(control_period: float, speed: float) -> float:
+    """Return how long a robot that has its pose waits for the rest, s of the wall clock."""
+    return FRAME_PATIENCE * control_period / speed if speed else SLOWEST_FRAME

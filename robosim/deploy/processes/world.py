@@ -81,6 +81,8 @@ class Ran(NamedTuple):
     """[robots] control periods in which the watchdog held a robot."""
     dropped: dict[str, int]
     """Messages that were not believed, for each key and reason."""
+    lost: int
+    """Wheel commands that were sent and have not come."""
     trajectory: str
     """SHA-256 of all poses after each decision, float64 [robots, 3]: equal runs have equal ones."""
 
@@ -176,6 +178,7 @@ class WorldProcess:
             wall=wall,
             stopped=self._stopped,
             dropped=dict(self._lines.dropped),
+            lost=sum(stream.lost for stream in self._commands),
             trajectory=self._trajectory.hexdigest(),
         )
 
@@ -237,7 +240,6 @@ class WorldProcess:
                 x, y, heading = readings.pose[robot].tolist()
                 link.send(f"pose/{robot}", Pose(now, x, y, heading), robot)
             self._shown_at = now
-        # Last, so that whoever hears that the run has begun knows where it is.
         self._publish_clock(stage)
 
     def _publish_clock(self, stage: Stage) -> None:

@@ -87,23 +87,16 @@ def robot_process(number, config, stack, text=None):
     return RobotProcess(POLICY, number, CONFIG, ARENA, link, Lines(f"robot {number}", text or StringIO()))
 
 
-def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config):
-    decisions = 12
-    one = SimulatedRobots(CONFIG, 5)
-    trajectory = hashlib.sha256()
-    controller = Controller(POLICY)
-    for _ in range(decisions):
-        for _ in range(3):
-            one.obey(controller.step(one.readings(), one.now))
-        trajectory.update(one.world.state.pose[0].tobytes())
+def team_on_a_link(config, decisions):
+    """Run a team as threads; return what came of it, frames, decisions, messages lost, and what was said."""
     frames, text = [], StringIO()
     with ExitStack() as stack:
-        here = stack.enter_context(Link("world", link_config, listen=link_config.world_at))
+        here = stack.enter_context(Link("world", config, listen=config.world_at))
         there = stack.enter_context(
-            Link("pheromones", link_config, listen=link_config.map_at, connect=(link_config.world_at,))
+            Link("pheromones", config, listen=config.map_at, connect=(config.world_at,))
         )
         service = PheromoneService(CONFIG, ARENA, SETUP, there, Lines("pheromones", text))
-        robots = [robot_process(number, link_config, stack, text) for number in range(2)]
+        robots = [robot_process(number, config, stack, text) for number in range(2)]
         world = WorldProcess(
             SimulatedRobots(CONFIG, 5),
             SETUP,
@@ -116,11 +109,30 @@ def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config):
         with running(service.run, *jobs) as failed:
             ran = world.run(decisions, Ending(), 10.0)
     assert failed == []
-    assert ran.trajectory == trajectory.hexdigest(), text.getvalue()
+    lost = ran.lost + service.lost + sum(robot.lost for robot in robots)
+    return ran, frames, [robot.decisions for robot in robots], lost, text.getvalue()
+
+
+def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config):
+    """Unless messages get lost, which may happen on a busy machine, and is counted."""
+    decisions = 12
+    one = SimulatedRobots(CONFIG, 5)
+    trajectory = hashlib.sha256()
+    controller = Controller(POLICY)
+    for _ in range(decisions):
+        for _ in range(3):
+            one.obey(controller.step(one.readings(), one.now))
+        trajectory.update(one.world.state.pose[0].tobytes())
+    for _ in range(3):
+        ran, frames, decided, lost, text = team_on_a_link(link_config, decisions)
+        if lost == 0:
+            break
+    assert lost == 0, text
+    assert ran.trajectory == trajectory.hexdigest(), text
     assert ran.stopped == [0, 0]
     assert [step for step, _ in frames] == list(range(decisions + 1))
     assert frames[-1][1] > 0.1
-    assert [robot.decisions for robot in robots] == [decisions] * 2
+    assert decided == [decisions] * 2
 
 
 class WorldByHand:
