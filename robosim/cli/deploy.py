@@ -130,7 +130,7 @@ class World(_Common):
             require_writable(self.json)
         link_config, disturbance = self._link()
         _, config, arena = self._team()
-        lines = Lines("world")
+        lines, layout = Lines("world"), config.layout_in(arena)
         robots = SimulatedRobots(config, self.seed, engine=self.engine)
         decisions = self.decisions or arena.timing.episode_steps
         with (
@@ -151,7 +151,7 @@ class World(_Common):
                 lines,
                 speed=speed,
                 tracker_rate=self.tracker_rate,
-                needs_map=config.layout.patch or config.layout.density,
+                needs_map=layout.patch or layout.density,
                 on_frame=on_frame,
             )
             ran = world.run(decisions, ending, self.patience)

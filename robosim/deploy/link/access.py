@@ -23,6 +23,8 @@ _LEASE = 2000
 """ms without a sign of life after which Zenoh gives a link up; wheels do not wait for that."""
 _QUEUE = 16
 """Batches that a link holds before it drops what is new."""
+_WAIT = 3000
+"""us that a message waits for room before it is dropped: longer, and one robot that is stuck holds up all."""
 _RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5}
 _DECLARATIONS = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
 
@@ -169,6 +171,7 @@ def settings_table(
         "transport/link/tx/lease": _LEASE,
         # The burst of a control period must find room: what does not is dropped.
         "transport/link/tx/queue/size/real_time": _QUEUE,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": _WAIT,
         "transport/link/rx/max_message_size": 4 * MOST_BYTES,
         "transport/shared_memory/enabled": False,
     }

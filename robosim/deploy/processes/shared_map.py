@@ -43,7 +43,7 @@ class SharedMap:
 
         InputError for a field of view that does not fit a message.
         """
-        constants, layout = config.pheromone, config.layout
+        constants, layout = config.pheromone, config.layout_in(arena)
         if constants.radius > MOST_RADIUS:
             raise refused("pheromone radius", constants.radius, f"at most {MOST_RADIUS}, to fit a message")
         self._grid = Grid(arena, margin=max(constants.radius, 1))
@@ -183,7 +183,7 @@ def _read_saved(path: Path, setup: int) -> tuple[int, int, NDArray[np.float64]]:
         raise wrong
     try:
         # Without pickles nothing in the file can run.
-        with np.load(path, allow_pickle=False) as saved:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as saved:
             if str(saved["format"]) != _FORMAT:
                 raise wrong
             numbers = [int(saved[name][0]) for name in ("setup", "world", "decision")]
