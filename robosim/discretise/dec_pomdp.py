@@ -75,7 +75,7 @@ class DecPomdp:
         self._patch = np.empty(0, dtype=np.float32)
         self._kind = np.eye(len(setting.team.groups), dtype=np.float32)[setting.team.group]
         team = setting.team
-        self._role = 0 if team.all_round else team.role
+        self._role = None if team.all_round else team.role
         goals = Goals(arena, team)
         self._locator = Locator(setting, self.grid, goals)
         self._percept: Percept
@@ -220,7 +220,8 @@ class DecPomdp:
         if layout.own_frame:
             return self._surroundings.look(seen)
         free = self.grid.free_neighbours(seen.cell) if layout.neighbours else None
-        return free, self._gains.take(seen.cell + self.grid.size * self._role, axis=0)
+        row = seen.cell if self._role is None else seen.cell + self.grid.size * self._role
+        return free, self._gains.take(row, axis=0)
 
     def _pellet_in_sight(self) -> NDArray[np.float64]:
         """Return whether a loose pellet is within `SIGHT`, and where from the robot, [envs, robots, 3]."""

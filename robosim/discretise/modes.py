@@ -57,14 +57,16 @@ def modes(
     zone: NDArray[np.uint8],
     laden: NDArray[np.bool_],
     touching: NDArray[np.bool_],
-    role: Integers | int = 0,
+    role: Integers | None = None,
 ) -> NDArray[np.uint8]:
     """Return the modes, without collisions, of robots that are in `zone`.
 
     `laden` says that a robot holds a pellet, `touching` that its gripper touches a loose one; all
-    arrays have the same shape, [..., robots]. `role` is the robots' `Role`, of all or [robots].
+    arrays have the same shape, [..., robots]. `role` [robots] is their `Role`, None where
+    all do all the work.
     """
-    return _MODES.take(_LADEN_ROW * laden + _TOUCHING_ROW * touching + zone + _ROLE_ROW * role)
+    row = _LADEN_ROW * laden + _TOUCHING_ROW * touching + zone
+    return _MODES.take(row if role is None else row + _ROLE_ROW * role)
 
 
 def gripper_commands(mode: NDArray[np.uint8]) -> NDArray[np.int8]:

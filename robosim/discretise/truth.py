@@ -112,7 +112,8 @@ class Truth:
         """
         taken = state.picked >= 0
         first = taken.astype(np.int64)
-        self._paid[:, state.fresh] = False
+        for leg in self._paid:
+            leg[state.fresh] = False
         if np.count_nonzero(taken):
             envs, robots = np.nonzero(taken)
             pellets = state.picked[envs, robots]
