@@ -11,6 +11,7 @@ from robosim.analysis.clogs.clog import Cause, Clog, Ending, clogs_among
 from robosim.analysis.clogs.finder import ClogFinder
 from robosim.analysis.measure.traffic import TrafficMeter
 from robosim.analysis.measure.tunnels import find_tunnels
+from robosim.arena import load_arena
 from robosim.cli.main import main
 from robosim.control.protocols import ActiveController
 from robosim.envs.vector import VectorEnv
@@ -377,7 +378,8 @@ def test_colours_of_causes_differ():
     for index, colour in enumerate(colours):
         for other in [*colours[:index], *others]:
             assert np.abs(np.subtract(colour, other)).sum() > 60
-    assert palette.CLOG in palette.legend()
+    assert palette.CLOG in palette.legend(load_arena("paper").team(1))
+    assert palette.legend(load_arena("relay").team(2))[-1].label == "transporters"
 
 
 def test_watching_finds_the_clogs_of_a_run(jam):
