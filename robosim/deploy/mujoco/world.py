@@ -28,6 +28,7 @@ class MujocoWorld(PhysicsWorld):
         actions: ActionKind,
         pellet_gradient: float = 0.0,
         motion: MotionConfig = EXACT,
+        keep_distance: float | None = None,
     ) -> None:
         if arena.pellets.cohesion > 0.0:
             raise refused(
@@ -36,7 +37,7 @@ class MujocoWorld(PhysicsWorld):
         if arena.groups:
             names = [group.name for group in arena.groups]
             raise refused("groups", names, "left out in MuJoCo, whose robots are all alike")
-        super().__init__(arena, robots, num_envs, actions, pellet_gradient, motion)
+        super().__init__(arena, robots, num_envs, actions, pellet_gradient, motion, keep_distance)
 
     def meter_wheels(self) -> None:
         """Nothing is metered: slip is worked out from how pymunk drives."""
