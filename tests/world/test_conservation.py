@@ -6,6 +6,7 @@ import pytest
 from robosim.arena import Arena, arena_names
 from robosim.control.lanes import LanesController
 from robosim.envs.vector import VectorEnv
+from robosim.robot.sheet import RobotSheet
 from robosim.world.state import PelletStatus
 
 DEEPEST_ROBOT = 2e-3
@@ -22,9 +23,8 @@ def wall_overlap(arena: Arena, points: np.ndarray, radius: float) -> float:
     return radius - float(np.hypot(outside[..., 0], outside[..., 1]).min())
 
 
-def robot_discs(arena: Arena, pose: np.ndarray) -> tuple[np.ndarray, float]:
+def robot_discs(sheet: RobotSheet, pose: np.ndarray) -> tuple[np.ndarray, float]:
     """Return discs that fill a robot's outline: centres [..., n, 2] and their radius."""
-    sheet = arena.robot
     assert sheet.shape in {"circle", "capsule"}
     along = np.linspace(-0.5, 0.5, 9) * (sheet.length - sheet.width)
     nose = np.stack([np.cos(pose[..., 2]), np.sin(pose[..., 2])], axis=-1)
@@ -58,7 +58,10 @@ class Watch:
         for places in (state.pose[..., :2].reshape(-1, 2), present):
             assert (places > 0.0).all()
             assert (places < (width, height)).all()
-        self.robots = max(self.robots, wall_overlap(arena, *robot_discs(arena, state.pose)))
+        for robot in range(self.env.robots):
+            sheet = arena.team(self.env.robots).sheets[robot]
+            discs = robot_discs(sheet, state.pose[:, robot])
+            self.robots = max(self.robots, wall_overlap(arena, *discs))
         self.pellets = max(self.pellets, wall_overlap(arena, present, arena.pellets.radius))
         self.lost += int(state.lost.sum())
         self.picked += int((state.picked >= 0).sum())
