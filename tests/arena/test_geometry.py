@@ -90,8 +90,10 @@ def test_places_keep_clear_of_walls_and_of_each_other(name: str) -> None:
         assert gap_to_walls(arena, places).min() > 1.02 * radius
         # A place at the left or lower edge of its zone counts to the zone.
         assert ((zone_at(arena, places) == zone) | (zone_at(arena, places + 2e-9) == zone)).all()
-    # A robot's nose can come to every pellet: it runs along walls at half the robot's width.
-    assert gap_to_walls(arena, arena.pellet_places).min() > 0.5 * min(arena.robot.length, arena.robot.width)
+    # The nose of some robot can come to every pellet: it runs along walls at half the robot's width.
+    sheets = [group.sheet for group in arena.groups] or [arena.robot]
+    narrow = min(min(sheet.length, sheet.width) for sheet in sheets)
+    assert gap_to_walls(arena, arena.pellet_places).min() > 0.5 * narrow
     assert len(arena.start_places) == arena.capacity
     assert len(arena.pellet_places) * 0.9 >= arena.pellets.count
 

@@ -26,7 +26,8 @@ def test_a_policy_that_ships_goes_by_its_name(ships, card, monkeypatch):
     monkeypatch.chdir("/")
     controller = make_controller("paper-3")
     assert isinstance(controller, LearnedController)
-    assert (controller.name, controller.policy.card) == ("paper-3", card)
+    saved = controller.policy.card.changed(weights_sha256="")
+    assert (controller.name, saved) == ("paper-3", card)
 
 
 def test_scripted_controllers_come_before_policies_and_those_before_folders(

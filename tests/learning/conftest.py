@@ -27,7 +27,7 @@ class Corridor:
         self.arena = load_arena("paper")
         names = (*(f"cell {i}" for i in range(LENGTH)), "laden")
         self.layout = SimpleNamespace(
-            names=names, size=len(names), encoding="expanded", stigmergy=True, actions="cardinal"
+            names=names, size=len(names), encoding="expanded", stigmergy=True, actions="cardinal", kinds=()
         )
         self._rng = np.random.default_rng(seed)
 

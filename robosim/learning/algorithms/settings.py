@@ -63,10 +63,11 @@ class MaskConfig(LearnerConfig):
             mask=self.mask and task.gains is not None,
             output=output,
             actions=task.num_actions,
-            of_robot=self._network_of_robot(task),
+            of_robot=self.network_of_robot(task),
         )
 
-    def _network_of_robot(self, task: Task) -> tuple[int, ...]:
+    def network_of_robot(self, task: Task) -> tuple[int, ...]:
+        """Return which network each robot acts by, [robots]."""
         if not self.shares_parameters:
             return tuple(range(task.robots))
         return task.groups if self.shares_by_group and task.groups else (0,) * task.robots

@@ -92,6 +92,4 @@ def test_too_many_robots_are_refused_in_a_sentence():
 def test_nobody_can_be_frozen_beside_a_network_for_all():
     with pytest.raises(InputError) as caught:
         run_config("maa2c", curriculum=True)
-    assert str(caught.value).startswith(
-        "curriculum is true, but must be false where all robots run one network"
-    )
+    assert str(caught.value).startswith("curriculum is true, but must be false where robots share a network")

@@ -106,7 +106,7 @@ def make_learner(config: DqnConfig, task: Task, seed: np.random.SeedSequence) ->
 
 def members(config: DqnConfig, task: Task) -> NDArray[np.int64]:
     """Return the robots that run each network, [networks, each]; InputError for groups of unequal size."""
-    of_robot = np.array(config.value_networks(task).of_robot)
+    of_robot = np.array(config.network_of_robot(task))
     sizes = np.bincount(of_robot)
     if (sizes != sizes[0]).any():
         raise InputError(
