@@ -102,7 +102,12 @@ def test_all_is_every_extra_but_the_cluster_and_each_brings_what_is_said_of_it()
     }
     # Ray is large, and one machine does without it.
     assert names["all"] == {f"robosim[{','.join(extra for extra in EXTRAS if extra != 'cluster')}]"}
-    packages = {"tomli_w": "tomli-w", "rerun": "rerun-sdk", "PIL": "pillow"}
+    packages = {
+        "tomli_w": "tomli-w",
+        "rerun": "rerun-sdk",
+        "PIL": "pillow",
+        "zenoh": "eclipse-zenoh",
+    }
     for extra, modules in EXTRAS.items():
         assert {packages.get(module, module) for module in modules} <= names[extra]
     assert "pyarrow" in names["train"] & names["report"]
