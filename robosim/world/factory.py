@@ -34,8 +34,10 @@ def make_world(
     if kind == "grid":
         from robosim.world.grid import GridWorld
 
-        if keep_distance is not None:
-            raise refused("keep_distance", keep_distance, "left out in the grid world, with one robot a cell")
+        # Up to a cell's length it is kept by the rules.
+        if keep_distance is not None and keep_distance > arena.cell_size:
+            room = f"at most {arena.cell_size:g} in the grid world, where robots stand in neighbouring cells"
+            raise refused("keep_distance", keep_distance, room)
         return GridWorld(arena, robots, num_envs, actions, pellet_gradient, motion)
     from robosim.world.physics import PhysicsWorld
 

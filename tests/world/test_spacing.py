@@ -130,6 +130,13 @@ def test_a_full_home_is_filled_as_close_as_it_goes_and_beyond_that_refused() -> 
     assert to_nearest(full.world.state.pose).min() >= 0.15
 
 
-def test_in_the_grid_there_is_no_distance_to_keep() -> None:
-    with pytest.raises(InputError, match="keep_distance is 0.2, but must be left out in the grid world"):
+def test_in_the_grid_a_distance_up_to_a_cell_is_kept_by_itself_and_no_other() -> None:
+    with pytest.raises(InputError, match="keep_distance is 0.2, but must be at most 0.15 in the grid world"):
         VectorEnv("paper", world="grid", keep_distance=0.2)
+    plain, keeping = (VectorEnv("paper", world="grid", robots=8, keep_distance=keep) for keep in (None, 0.15))
+    np.testing.assert_array_equal(plain.reset(3), keeping.reset(3))
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        actions = rng.integers(0, 5, (1, 8))
+        np.testing.assert_array_equal(plain.step(actions).observation, keeping.step(actions).observation)
+        assert to_nearest(keeping.world.state.pose).min() >= 0.15 - 1e-9
