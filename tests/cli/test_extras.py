@@ -9,6 +9,9 @@ import pytest
 
 from robosim.cli.extras import EXTRAS, missing_extra
 
+pytestmark = pytest.mark.slow
+"""An environment of its own is made; `.ci/run` runs them."""
+
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 

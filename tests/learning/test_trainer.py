@@ -443,6 +443,7 @@ def kill_now(process, seconds):
     return process.returncode
 
 
+@pytest.mark.slow
 def test_killed_ten_times_a_run_ends_in_the_same_bits(tmp_path):
     config = CURRICULUM.with_options(steps=6000, checkpoint_every=100, replay_capacity=300)
     whole = run(tmp_path / "whole", config)[0]

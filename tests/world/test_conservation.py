@@ -99,6 +99,7 @@ def run(env: VectorEnv, decisions: int, share_random: float, seed: int) -> Watch
     return watch
 
 
+@pytest.mark.slow
 def test_twenty_thousand_random_decisions_of_eight_robots() -> None:
     env = VectorEnv("paper", robots=8, num_envs=16, seed=1, episode_steps=10**6)
     run(env, 1250, 1.0, seed=1)

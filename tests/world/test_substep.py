@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from robosim.arena import load_arena
 from robosim.control.lanes import LanesController
@@ -12,6 +13,7 @@ from robosim.envs.vector import VectorEnv
 DECISIONS, ENVS = 1500, 8
 
 
+@pytest.mark.slow
 def test_half_the_substep_delivers_as_much_within_three_per_cent() -> None:
     """Eight robots by lanes on the paper's arena; the standard error of the difference is well below."""
     arena = load_arena("paper")
