@@ -75,12 +75,12 @@ class LanesController:
         if routes.gates:
             heading_out = self._follow_convoy(row, column, heading_out)
         steps = CARDINAL_STEPS[:4]
-        way = heading_out + self._first
-        cost = routes.cost[way[..., None], row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
+        leg = heading_out + self._first
+        cost = routes.cost[leg[..., None], row[..., None] + steps[:, 1], column[..., None] + steps[:, 0]]
         # A long robot that turns in a tunnel wedges itself, so it keeps to the row that it is in.
-        axis = routes.axis[way, row, column]
+        axis = routes.axis[leg, row, column]
         cost = np.where((axis[..., None] >= 0) & (np.arange(4) != axis[..., None]), np.inf, cost)
-        here = routes.cost[way, row, column]
+        here = routes.cost[leg, row, column]
         blocked = moves_blocked_by_robots(env)
         in_source = (routes.zones[row, column] == self._takes) & (heading_out == INBOUND)
         if in_source.any():
@@ -174,8 +174,8 @@ class LanesController:
         inside = routes.gate[row, column]
         near = np.maximum(routes.gate[ahead_row, ahead_column], routes.mouth[ahead_row, ahead_column])
         coming = (inside < 0) & (near >= 0) & (routes.zones[row, column] != Zone.TUNNEL)
-        way = heading_out + self._first
-        closer = routes.cost[way, ahead_row, ahead_column] < routes.cost[way, row, column]
+        leg = heading_out + self._first
+        closer = routes.cost[leg, ahead_row, ahead_column] < routes.cost[leg, row, column]
         # A robot that has just left the tunnel is near the mouth too, but its route leads off from it.
         entering = coming & closer & (self._tunnel_ahead(row, column, heading_out))
         self._waiting = np.zeros(action.shape, dtype=np.bool_)

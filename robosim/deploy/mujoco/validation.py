@@ -195,11 +195,11 @@ EXPERIMENTS = (
     Experiment("speed, straight on", "m/s", SHEET.top_speed, "r w", straight_speed, 0.01),
     Experiment("off the line after 0.4 m", "mm", 0.0, "0", astray, 0.5),
     Experiment(
-        "way in the first 0.3 s", "m", SHEET.top_speed * 0.3 - 0.5 * SHEET.top_speed**2 / ACCELERATION,
+        "distance in the first 0.3 s", "m", SHEET.top_speed * 0.3 - 0.5 * SHEET.top_speed**2 / ACCELERATION,
         "v t - v^2 / (2 a)", started_distance, 0.03,
     ),
     Experiment(
-        "way to a stop from top speed", "m", 0.5 * SHEET.top_speed**2 / ACCELERATION, "v^2 / (2 a)",
+        "distance to a stop from top speed", "m", 0.5 * SHEET.top_speed**2 / ACCELERATION, "v^2 / (2 a)",
         stopping_distance, 0.1,
     ),
     Experiment("turning rate on the spot", "rad/s", SHEET.top_turn_rate, "2 v / base", turning_rate, 0.01),
@@ -209,10 +209,10 @@ EXPERIMENTS = (
         "base (w + w/2) / (2 (w - w/2))", arc_radius, 0.01,
     ),
     Experiment("force against a wall", "N", SHEET.traction_force, "mu m g", wall_force, 0.05),
-    Experiment("way into the wall", "mm", 0.0, "0", wall_overlap, 0.2),
+    Experiment("depth in the wall", "mm", 0.0, "0", wall_overlap, 0.2),
     Experiment(
-        "way of a pellet from 0.5 m/s", "m", SLIDING**2 / (2.0 * PELLET.friction * GRAVITY), "v^2 / (2 mu g)",
-        sliding_distance, 0.05,
+        "distance of a pellet from 0.5 m/s", "m", SLIDING**2 / (2.0 * PELLET.friction * GRAVITY),
+        "v^2 / (2 mu g)", sliding_distance, 0.05,
     ),
     Experiment(
         "force that pushes a pellet", "N", PELLET.friction * PELLET.mass * GRAVITY, "mu m g",

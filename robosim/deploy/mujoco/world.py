@@ -39,8 +39,8 @@ class MujocoWorld(PhysicsWorld):
             raise refused("groups", names, "left out in MuJoCo, whose robots are all alike")
         super().__init__(arena, robots, num_envs, actions, pellet_gradient, motion, keep_distance)
 
-    def meter_wheels(self) -> None:
-        """Nothing is metered: slip is worked out from how pymunk drives."""
+    def _meter_wheels(self, pose: Floats, velocity: Floats) -> None:
+        """Energy stays 0: slip is worked out from how pymunk drives."""
 
     def _new_bodies(self, draws: Draws, commands: Floats) -> MujocoSpace:
         return MujocoSpace(self.arena, draws, commands)

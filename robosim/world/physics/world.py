@@ -238,9 +238,13 @@ class PhysicsWorld:
         return self.state.pose.copy(), self.state.velocity.copy()
 
     def _meter(self, before: tuple[Floats, Floats]) -> None:
-        """Add the control period's loss and distances: pose and velocity were `before` at its beginning."""
+        """Meter a control period, at whose beginning pose and velocity were `before`."""
+        self._meter_wheels(*before)
+        np.minimum(self.closest, closest_on_the_path(before[0], self.state.pose), out=self.closest)
+
+    def _meter_wheels(self, pose: Floats, velocity: Floats) -> None:
+        """Add the loss of a control period that began at that pose and velocity."""
         timing, sheet = self.arena.timing, self.team.sheet
-        pose, velocity = before
         driven = self._commands * timing.control_period if self._motors is None else self._driven
         slip = driven - (self.state.pose - pose)
         # The solver moves bodies by the velocity before a substep, so their displacement lags by half of one.
@@ -248,7 +252,6 @@ class PhysicsWorld:
         slipped = np.hypot(slip[..., 0], slip[..., 1])
         slipped += 0.5 * sheet.wheel_base * np.abs(wrap_angle(slip[..., 2]))
         self.wheel_energy += self._traction * slipped
-        np.minimum(self.closest, closest_on_the_path(pose, self.state.pose), out=self.closest)
 
     def _push(self, wheel_speeds: Floats) -> None:
         """Do what `drive` does, but do not look where the bodies have come to."""

@@ -11,7 +11,7 @@ from robosim.control.policy import load_policy
 from robosim.deploy import Controller
 from robosim.deploy.mujoco import MujocoWorld
 from robosim.deploy.mujoco.model import LIFT, pellet_centre
-from robosim.deploy.mujoco.validation import KEEP, MIDDLE, begun, driven, last
+from robosim.deploy.mujoco.validation import MIDDLE, begun, driven, last
 from robosim.deploy.simulated import make_stand_in
 from robosim.errors import InputError
 from robosim.robot.drivers import STOP, Wheels
@@ -208,8 +208,11 @@ def test_a_solver_that_explodes_is_an_error_and_no_outcome(tmp_path, monkeypatch
         decide(world, [STOP])
 
 
-def test_nothing_is_metered() -> None:
-    world = begun(MujocoWorld, (*MIDDLE, 0.0))
-    world.meter_wheels()
-    world.step(np.array([[int(Wheels.FORWARD)]]), KEEP)
-    assert world.wheel_energy[0, 0] == 0.0
+def test_energy_is_not_metered_but_distances_are() -> None:
+    x, y = MIDDLE
+    world = begun(MujocoWorld, (x, y, 0.0), (x + 0.5, y, 0.0))
+    world.meter()
+    assert world.closest.tolist() == [[pytest.approx(0.5)] * 2]
+    world.step(np.array([[int(Wheels.FORWARD), STOP]]), np.zeros((1, 2), dtype=np.int8))
+    assert (world.wheel_energy == 0.0).all()
+    assert 0.4 < world.closest.min() < 0.48
