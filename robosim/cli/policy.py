@@ -204,6 +204,7 @@ def _network(network: NetworkSpec) -> list[tuple[str, str]]:
         network.activation,
         *_NORMALISED[network.normalisation],
         *(["blocked moves are not chosen"] if network.mask else []),
+        *([] if network.temperature is None else [f"actions drawn at temperature {network.temperature:g}"]),
     )
     return [("network", f"{sizes}, {owners}, stored as {network.precision}"), ("", ", ".join(makes))]
 

@@ -36,14 +36,17 @@ class LearnedController:
     def __init__(self, policy: Policy, name: str) -> None:
         self.policy = policy
         self.name = name
+        self._decision = 0
 
     def reset(self, env: VectorEnv) -> None:
         """Check that the policy fits `env`; InputError in one sentence that says what differs."""
         check_fit(self.policy.card, env, self.name)
+        self._decision = 0
 
     def act(self, env: VectorEnv, observation: NDArray[np.float32]) -> NDArray[np.int64]:
         """Return actions [envs, robots] from `observation` [envs, robots, size]."""
-        return self.policy.act(observation)
+        decision, self._decision = self._decision, self._decision + 1
+        return self.policy.act(observation, decision)
 
 
 def check_fit(card: PolicyCard, team: Team, name: str) -> None:

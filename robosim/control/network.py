@@ -59,6 +59,9 @@ class NetworkSpec(Record):
     """[robots] which of the stored networks each robot runs."""
     precision: Literal["float32", "float16"] = "float32"
     """Of the weights as stored; they are computed with in float32."""
+    temperature: float | None = Field(default=None, ge=0.001, le=1000)
+    """Actions are drawn, with the probabilities softmax(outputs / temperature), so that robots that stand in
+    each other's way do not do the same for ever; none for the action of the largest output, every time."""
 
     @property
     def robots(self) -> int:
@@ -135,6 +138,11 @@ class NetworkSpec(Record):
                 f"inputs is {self.inputs}, but must be a multiple of {self.robots}, the number of robots, "
                 'where input is "team"'
             )
+        if self.joint and self.temperature is not None:
+            raise ValueError(
+                f"temperature is {shown(self.temperature)}, but must be absent where output is "
+                f"{shown(self.output)}"
+            )
         if self.mask and self.actions < FEWEST_ACTIONS:
             raise ValueError(
                 f"actions is {self.actions}, but must be at least {FEWEST_ACTIONS} "
@@ -195,12 +203,22 @@ class Networks:
                 values[..., : blocked.shape[-1]][blocked] = -np.inf
         return values
 
-    def act(self, observation: Floats) -> NDArray[np.int64]:
+    def act(self, observation: Floats, decision: int | None = None) -> NDArray[np.int64]:
         """Return the action of every robot, [..., robots], for `observation` [..., robots, size].
 
-        The one of the largest output; the lowest index among equals.
+        The one of the largest output; the lowest index among equals. With a temperature, one that is drawn:
+        which, depends on the number of the `decision` since the episode began, besides the observation.
+        InputError where that number is needed and missing.
         """
-        chosen: NDArray[np.int64] = self.outputs(observation).argmax(axis=-1)
+        values = self.outputs(observation)
+        if self.spec.temperature is not None:
+            if decision is None:
+                raise InputError(
+                    "decision is missing, but must be the number of the decision in the episode: "
+                    "these networks draw their actions."
+                )
+            return drawn_actions(values, self.spec.temperature, draws(decision, values.shape[:-1]))
+        chosen: NDArray[np.int64] = values.argmax(axis=-1)
         if not self.spec.joint:
             return chosen
         return np.stack(np.unravel_index(chosen, (self.spec.actions,) * self.spec.robots), axis=-1)
@@ -220,6 +238,41 @@ class Networks:
             if self.spec.normalisation == "rms":
                 hidden /= _size(hidden)
         return hidden @ self._weights[-1] + self._biases[-1]
+
+
+def draws(decision: int, shape: tuple[int, ...]) -> Floats:
+    """Return numbers spread evenly over [0, 1) for the robots `shape` [..., robots] in a decision.
+
+    Each follows from the numbers of the decision, the environment and the robot alone (SplitMix64, Steele
+    2014), so that whoever counts decisions draws the same: an evaluation, a robot, somebody else's program.
+    They are multiples of 2^-24, which float32 holds exactly.
+    """
+    state = _mixed(np.array([decision], np.uint64))
+    environments = np.arange(int(np.prod(shape[:-1])), dtype=np.uint64)
+    state = _mixed(state ^ environments)[:, None]
+    state = _mixed(state ^ np.arange(shape[-1], dtype=np.uint64))
+    whole = (state >> np.uint64(40)).astype(np.float32)
+    return (whole * np.float32(2.0**-24)).reshape(shape)
+
+
+def _mixed(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    state = state + np.uint64(0x9E3779B97F4A7C15)
+    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return state ^ (state >> np.uint64(31))
+
+
+def drawn_actions(values: Floats, temperature: float, drawn: Floats) -> NDArray[np.int64]:
+    """Return actions [..., robots] of probability softmax(values / temperature), by numbers from `draws`.
+
+    `values` are [..., robots, actions]; one of minus infinity is never chosen, unless all are.
+    """
+    best = values.max(axis=-1, keepdims=True)
+    weights = np.exp((values - best) / np.float32(temperature))
+    sums = np.cumsum(weights, axis=-1)
+    # A draw is below 1, so the sum of all is never reached, and what adds nothing to it is never chosen.
+    chosen: NDArray[np.int64] = (sums <= drawn[..., None] * sums[..., -1:]).sum(axis=-1)
+    return chosen
 
 
 def _size(hidden: Floats) -> Floats:

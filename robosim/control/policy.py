@@ -36,7 +36,7 @@ _MOST_WEIGHTS = 2_000_000_000
 
 
 class Policy:
-    """The greedy policy of a team: its networks, from the observations of the robots to their actions."""
+    """What a team does: its networks, from the observations of the robots to their actions."""
 
     def __init__(self, weights: Weights, card: PolicyCard, place: str = "weights") -> None:
         """Take the weights of the card's networks.
@@ -56,13 +56,15 @@ class Policy:
         """Return copies of `layer0.weight` [networks, in, out], `layer0.bias` [networks, out] and so on."""
         return {name: array.copy() for name, array in self._stored.items()}
 
-    def act(self, observation: ArrayLike) -> NDArray[np.int64]:
+    def act(self, observation: ArrayLike, decision: int | None = None) -> NDArray[np.int64]:
         """Return the action of every robot, [..., robots], from `observation` [..., robots, size].
 
-        The one of the largest output; the lowest index among equals. InputError for a wrong shape or an
-        observation that is not finite.
+        The one of the largest output; the lowest index among equals. A policy whose card has a temperature
+        draws its actions instead, and needs the number of the `decision` since the episode began: equal
+        numbers and observations give equal actions. InputError for a wrong shape, an observation that is not
+        finite, and a number that is missing.
         """
-        return self._networks.act(self._checked(observation))
+        return self._networks.act(self._checked(observation), decision)
 
     def values(self, observation: ArrayLike) -> NDArray[np.float32]:
         """Return what the networks put out, as `Networks.outputs` does; errors as in `act`."""

@@ -42,7 +42,7 @@ class Chooser(Protocol):
     @property
     def card(self) -> PolicyCard: ...
 
-    def act(self, observation: NDArray[np.float32]) -> NDArray[np.int64]: ...
+    def act(self, observation: NDArray[np.float32], decision: int | None = None) -> NDArray[np.int64]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +149,7 @@ class Controller:
         decision = period // self.arena.timing.control_steps
         begins = decision != self._decision
         if begins:
-            self._decide(readings, stopped)
+            self._decide(readings, stopped, decision)
         self._periods, self._decision = period + 1, decision
         command = Command(
             wheel_speeds=self._team.wheel_speeds(stopped),
@@ -213,8 +213,9 @@ class Controller:
             for robot in range(self.robots)
         )
 
-    def _decide(self, readings: Readings, stopped: Bools) -> None:
-        observation = self._team.decide(readings, stopped, anew=self._decision == NOT_BEGUN)
+    def _decide(self, readings: Readings, stopped: Bools, decision: int) -> None:
+        anew = self._decision == NOT_BEGUN
+        observation = self._team.decide(readings, stopped, decision, anew=anew)
         # Added, since the two zeros are one number to whoever reads them.
         self._observed = hashlib.sha256((observation + np.float32(0.0)).tobytes()).hexdigest()
 

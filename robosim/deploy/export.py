@@ -76,7 +76,8 @@ def onnx_model(folder: Path, name: str = "") -> bytes:
 
 def agreement(exported: OnnxPolicy, policy: Policy, observations: Floats) -> Agreement:
     """Return how far the two agree on observations [batch, robots, size]."""
-    actions, values = exported.run(observations)
+    decision = None if policy.card.network.temperature is None else 0
+    actions, values = exported.run(observations, decision)
     expected = policy.values(observations)
     blocked = np.isneginf(expected)
     difference = np.inf
@@ -84,7 +85,7 @@ def agreement(exported: OnnxPolicy, policy: Policy, observations: Floats) -> Agr
         difference = float(np.abs(values[~blocked] - expected[~blocked]).max())
     return Agreement(
         observations=int(np.prod(observations.shape[:2])),
-        other_actions=int((actions != policy.act(observations)).sum()),
+        other_actions=int((actions != policy.act(observations, decision)).sum()),
         largest_difference=difference,
         largest_value=float(np.abs(expected[~blocked]).max()),
     )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from robosim.control.network import LEAST_SQUARE, NetworkSpec, Weights
-from robosim.deploy.runtime import ACTIONS, OBSERVATION, VALUES
+from robosim.deploy.runtime import ACTIONS, DRAWS, OBSERVATION, VALUES
 from robosim.discretise.observation import MoveGains
 
 OPSET = 18
@@ -48,9 +48,11 @@ class _Nodes:
 def policy_graph(spec: NetworkSpec, weights: Weights, gains: MoveGains | None, name: str) -> onnx.GraphProto:
     """Return the graph of a whole policy.
 
-    Its input is `observation`, float32 [batch, robots, size]; its outputs are `actions`, int64
-    [batch, robots], and `values`, float32, as `Networks.outputs` returns them. `weights` are of the shapes
-    `spec.shapes`; `gains` is where an observation holds the gains of moves, which a spec with a `mask` needs.
+    Its input is `observation`, float32 [batch, robots, size], and where actions are drawn `draws`, float32
+    [batch, robots], numbers in [0, 1) such as those of `robosim.control.network.draws`. Its outputs are
+    `actions`, int64 [batch, robots], and `values`, float32, as `Networks.outputs` returns them. `weights` are
+    of the shapes `spec.shapes`; `gains` is where an observation holds the gains of moves, which a spec with a
+    `mask` needs.
     """
     nodes = _Nodes()
     values = _forward(nodes, spec, weights, _arranged(nodes, spec))
@@ -68,7 +70,10 @@ def policy_graph(spec: NetworkSpec, weights: Weights, gains: MoveGains | None, n
     return helper.make_graph(
         nodes.nodes,
         name,
-        [make(OBSERVATION, TensorProto.FLOAT, (BATCH, robots, spec.observation))],
+        [
+            make(OBSERVATION, TensorProto.FLOAT, (BATCH, robots, spec.observation)),
+            *([] if spec.temperature is None else [make(DRAWS, TensorProto.FLOAT, (BATCH, robots))]),
+        ],
         [
             make(ACTIONS, TensorProto.INT64, (BATCH, robots)),
             make(VALUES, TensorProto.FLOAT, (*rows, spec.outputs)),
@@ -165,7 +170,10 @@ def _combined(nodes: _Nodes, spec: NetworkSpec, blocked: str) -> str:
 
 
 def _choose(nodes: _Nodes, spec: NetworkSpec) -> None:
-    """Choose the largest value; the first among equals, as numpy does."""
+    """Choose the largest value, the first among equals as numpy does; or draw an action."""
+    if spec.temperature is not None:
+        _draw(nodes, spec.temperature)
+        return
     result = "combination" if spec.joint else ACTIONS
     chosen = nodes.add("ArgMax", VALUES, result=result, axis=-1, keepdims=0, select_last_index=0)
     if spec.joint:
@@ -173,3 +181,16 @@ def _choose(nodes: _Nodes, spec: NetworkSpec) -> None:
         whole = nodes.add("Unsqueeze", chosen, nodes.whole("robots_axis", 1))
         digits = nodes.add("Div", whole, nodes.whole("places", *places))
         nodes.add("Mod", digits, nodes.whole("base", spec.actions), result=ACTIONS)
+
+
+def _draw(nodes: _Nodes, temperature: float) -> None:
+    """Draw actions as `robosim.control.network.drawn_actions` does."""
+    last = nodes.whole("actions_axis", -1)
+    above = nodes.add("Sub", VALUES, nodes.add("ReduceMax", VALUES, last, keepdims=1))
+    divisor = nodes.constant("temperature", np.array(temperature, np.float32))
+    weights = nodes.add("Exp", nodes.add("Div", above, divisor))
+    sums = nodes.add("CumSum", weights, nodes.constant("summed_axis", np.array(-1, np.int64)))
+    total = nodes.add("Slice", sums, last, nodes.whole("end", np.iinfo(np.int64).max), last)
+    wanted = nodes.add("Mul", nodes.add("Unsqueeze", DRAWS, last), total)
+    passed = nodes.add("Cast", nodes.add("LessOrEqual", sums, wanted), to=TensorProto.INT64)
+    nodes.add("ReduceSum", passed, last, result=ACTIONS, keepdims=0)

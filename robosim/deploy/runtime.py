@@ -11,10 +11,11 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from robosim.control.card import PolicyCard
+from robosim.control.network import draws
 from robosim.errors import InputError
 
-OBSERVATION, ACTIONS, VALUES = "observation", "actions", "values"
-"""Names of the graph's input and outputs."""
+OBSERVATION, DRAWS, ACTIONS, VALUES = "observation", "draws", "actions", "values"
+"""Names of the graph's inputs and outputs; `draws` is there only where actions are drawn."""
 
 Floats = NDArray[np.float32]
 
@@ -50,11 +51,22 @@ class OnnxPolicy:
             raise InputError(f"{self._place}: its metadata hold no card, so robosim has not exported it.")
         return PolicyCard.from_table(table, f"{self._place}: card")
 
-    def run(self, observation: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Return actions [batch, robots] and values for observations [batch, robots, size]."""
-        actions, values = self._session.run([ACTIONS, VALUES], {OBSERVATION: observation})
+    def run(self, observation: Floats, decision: int | None = None) -> tuple[NDArray[np.int64], Floats]:
+        """Return actions [batch, robots] and values for observations [batch, robots, size].
+
+        A policy that draws its actions needs the number of the `decision`; InputError where that is missing.
+        """
+        inputs = {OBSERVATION: observation}
+        if any(one.name == DRAWS for one in self._session.get_inputs()):
+            if decision is None:
+                raise InputError(
+                    f"{self._place}: decision is missing, but must be the number of the decision in the "
+                    "episode: this policy draws its actions."
+                )
+            inputs[DRAWS] = draws(decision, observation.shape[:-1])
+        actions, values = self._session.run([ACTIONS, VALUES], inputs)
         return actions, values
 
-    def act(self, observation: Floats) -> NDArray[np.int64]:
-        """Return the actions [batch, robots] for observations [batch, robots, size]."""
-        return self.run(observation)[0]
+    def act(self, observation: Floats, decision: int | None = None) -> NDArray[np.int64]:
+        """Return the actions [batch, robots] for observations [batch, robots, size]; as `run` otherwise."""
+        return self.run(observation, decision)[0]

@@ -22,8 +22,8 @@ from robosim.robot.kinematics import wrap_angle
 from robosim.robot.team import Team, per_wheel
 from robosim.world.state import Gripper
 
-Act = Callable[[NDArray[np.float32]], NDArray[np.int64]]
-"""A policy: from observations [batch, robots, size] to actions [batch, robots]."""
+Act = Callable[[NDArray[np.float32], int], NDArray[np.int64]]
+"""A policy: from observations [batch, robots, size] and the decision's number to actions [batch, robots]."""
 
 
 @dataclass(slots=True)
@@ -105,10 +105,11 @@ class RealTeam:
         """Take in the poses [robots, 3] of those `on_map`; others stay where they were seen last."""
         self._state.pose[0][on_map] = pose[on_map]
 
-    def decide(self, readings: Readings, stopped: Bools, *, anew: bool) -> NDArray[np.float32]:
+    def decide(self, readings: Readings, stopped: Bools, decision: int, *, anew: bool) -> NDArray[np.float32]:
         """Decide from the poses that were placed and all else in `readings`; returns the observations.
 
-        They are [1, robots, size]. Robots that are `stopped` [robots] stand still; `anew` begins a run.
+        They are [1, robots, size]. Robots that are `stopped` [robots] stand still; `decision` is its number
+        since the run began, by which a policy may draw; `anew` begins a run.
         """
         state = self._state
         take_in(state, readings)
@@ -123,7 +124,7 @@ class RealTeam:
             state.refused[...] = self._driver.held_back
             self._dec.update(self.actions[None], state)
         observation = self._dec.observe()
-        chosen = np.asarray(self._act(observation)[0], np.int64)
+        chosen = np.asarray(self._act(observation, decision)[0], np.int64)
         self.actions = np.where(stopped, STOP, chosen)
         self.gripper = self._dec.gripper_commands()[0]
         self._driver.begin(state.pose, self.actions[None])

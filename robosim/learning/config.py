@@ -78,6 +78,9 @@ class RunSettings(Record):
     evaluation_profile: str | None = Field(default=None, max_length=LONGEST_PROFILE)
     """Profile of the evaluation after training and of playbacks, by name, path or text; none for robots as
     their data sheet says, whatever profile they learn under."""
+    temperature: float | None = Field(default=None, ge=0.001, le=1000)
+    """The team that the run leaves draws its actions, with the probabilities softmax(outputs / temperature);
+    none for the action of the largest output, every time."""
 
 
 class RunConfig(Record):

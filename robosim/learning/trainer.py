@@ -17,6 +17,7 @@ import robosim
 from robosim.control.card import Evaluation, PolicyCard, TrainingCard, card_for
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
+from robosim.control.network import NetworkSpec
 from robosim.control.policy import Policy, save_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError, shown
@@ -60,6 +61,7 @@ def train(
     """
     config = self_contained(config)
     training, run_folder = Training(config), RunFolder(folder)
+    _spec_at_work(training)
     run_folder.make()
     with alone_in(folder):
         run_folder.begin(config, command)
@@ -218,7 +220,12 @@ class _Run:
         )
         actors, technique = training.actors(), training.config.run.technique
         facts = {name: shown(value) for name, value in training.algorithm_config.model_dump().items()}
-        return card_for(training.env, actors.spec, actors.weights, technique, about, facts)
+        return card_for(training.env, _spec_at_work(training), actors.weights, technique, about, facts)
+
+
+def _spec_at_work(training: Training) -> NetworkSpec:
+    """Return the networks of the team that a run leaves; InputError where they cannot act as it wants."""
+    return training.actors().spec.changed(temperature=training.config.run.temperature)
 
 
 def evaluate_run(config: RunConfig, controller: LearnedController, seed: int) -> Evaluation:

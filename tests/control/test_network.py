@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robosim.control.network import Networks, NetworkSpec
+from robosim.control.network import Networks, NetworkSpec, drawn_actions, draws
 from robosim.discretise.observation import MoveGains
 from robosim.errors import InputError, shown
 
@@ -217,6 +217,11 @@ JOINT = {"output": "joint action values"}
             'inputs is 7, but must be a multiple of 2, the number of robots, where input is "team".',
         ),
         ({"mask": True, "actions": 4}, f"actions is 4, but must be at least 5 where mask is {shown(True)}."),
+        (
+            {"input": "team", "of_robot": [0], "inputs": 4, "output": "joint logits", "temperature": 0.5},
+            'temperature is 0.5, but must be absent where output is "joint logits".',
+        ),
+        ({"temperature": 0.0}, "temperature is 0.0, but must be a number from 0.001 to 1000 or None."),
         ({"activation": "gelu"}, 'activation is "gelu", but must be "relu" or "tanh".'),
         ({"hidden": [4097]}, "hidden is 4097, but must be a list of 1 to 8 whole numbers from 1 to 4096."),
     ],
@@ -289,4 +294,72 @@ def test_weights_that_overflow_are_refused_with_the_layer_and_the_bound():
         Networks(spec, weights)
     assert str(caught.value) == (
         "weights: numbers in layer1 may reach 1.2e+39, but must stay below 3.4e+38, or they overflow."
+    )
+
+
+def plain_draw(decision, env, robot):
+    """SplitMix64 on whole numbers without a limit, cut to 64 bits by hand."""
+
+    def mixed(state):
+        state = (state + 0x9E3779B97F4A7C15) % 2**64
+        state = (state ^ (state >> 30)) * 0xBF58476D1CE4E5B9 % 2**64
+        state = (state ^ (state >> 27)) * 0x94D049BB133111EB % 2**64
+        return state ^ (state >> 31)
+
+    return (mixed(mixed(mixed(decision) ^ env) ^ robot) >> 40) / 2**24
+
+
+@settings(deadline=None, max_examples=50)
+@given(decision=st.integers(0, 2**40), envs=st.integers(1, 3), robots=st.integers(1, 4))
+def test_draws_follow_from_the_numbers_of_decision_environment_and_robot(decision, envs, robots):
+    drawn = draws(decision, (envs, robots))
+    assert drawn.tolist() == [[plain_draw(decision, e, r) for r in range(robots)] for e in range(envs)]
+    assert (draws(decision, (robots,)) == drawn[0]).all()
+
+
+def test_draws_are_spread_evenly_and_tell_nothing_of_each_other():
+    drawn = np.stack([draws(decision, (20, 10)) for decision in range(500)])
+    counts = np.histogram(drawn, bins=50, range=(0.0, 1.0))[0]
+    assert abs(counts - drawn.size / 50).max() < 6 * (drawn.size / 50) ** 0.5
+    for axis in range(3):
+        one, next_one = np.delete(drawn, -1, axis), np.delete(drawn, 0, axis)
+        assert abs(np.corrcoef(one.ravel(), next_one.ravel())[0, 1]) < 0.015
+
+
+def test_actions_are_drawn_with_the_probabilities_of_the_softmax():
+    values = np.array([1.0, -np.inf, 0.3, 2.0, -np.inf], np.float32)
+    count = 40_000
+    drawn = np.arange(count, dtype=np.float32) / np.float32(count)
+    chosen = drawn_actions(np.tile(values, (count, 1)), 0.5, drawn)
+    weights = [np.exp(value / 0.5) for value in values.tolist()]
+    shares = np.bincount(chosen, minlength=5) / count
+    assert shares == pytest.approx(np.array(weights) / sum(weights), abs=2 / count)
+
+
+@given(
+    values=st.lists(st.floats(-50, 50, width=32) | st.just(-np.inf), min_size=2, max_size=9),
+    temperature=st.sampled_from([0.001, 0.5, 1000.0]),
+    drawn=st.sampled_from([0.0, 0.25, 1.0 - 2.0**-24]),
+)
+def test_what_is_blocked_is_never_drawn(values, temperature, drawn):
+    values[0] = 0.0 if max(values) == -np.inf else values[0]
+    chosen = drawn_actions(np.array([values], np.float32), temperature, np.array([drawn], np.float32))
+    assert values[int(chosen[0])] > -np.inf
+
+
+def test_a_low_temperature_chooses_the_best_and_any_needs_the_number_of_the_decision():
+    spec = NetworkSpec(inputs=4, hidden=[8], of_robot=[0, 0, 0])
+    weights = weights_of(spec)
+    observation = np.random.default_rng(1).normal(size=(50, 3, 4)).astype(np.float32)
+    best = Networks(spec, weights).act(observation)
+    cold = Networks(spec.changed(temperature=0.001), weights)
+    assert (cold.act(observation, 7) == best).mean() > 0.95
+    warm = Networks(spec.changed(temperature=5.0), weights)
+    assert (warm.act(observation, 7) == warm.act(observation, 7)).all()
+    assert (warm.act(observation, 7) != warm.act(observation, 8)).any()
+    with pytest.raises(InputError) as caught:
+        warm.act(observation)
+    assert str(caught.value) == (
+        "decision is missing, but must be the number of the decision in the episode: "
+        "these networks draw their actions."
     )

@@ -26,6 +26,7 @@ MADE = {
     "keeps its distance": {"env": {"keep_distance": 0.25}},
     "no pheromones": {"env": {"stigmergy": False, "neighbours": False}},
     "learned on the grid": {"env": {"world": "grid"}},
+    "draws its actions": {"output": "logits", "temperature": 0.5, "mask": True},
     "the whole team's numbers": {"input": "team", "output": "joint action values"},
 }
 

@@ -97,6 +97,25 @@ def test_the_first_of_equal_values_is_chosen_as_numpy_does(tmp_path, kind):
     assert (found.other_actions, found.largest_difference) == (0, 0.0)
 
 
+@pytest.mark.parametrize("of_robot", [(0, 0, 0), (0, 1, 2)])
+def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot):
+    folder = make_policy(tmp_path / "made", mask=True, of_robot=of_robot, output="logits", temperature=0.7)
+    policy, exported = read_policy(folder), OnnxPolicy(onnx_model(folder))
+    observations = random_observations(policy, 400)
+    best = policy.values(observations).argmax(axis=-1)
+    for decision in (0, 1, 123_456):
+        drawn = exported.act(observations, decision)
+        assert (drawn == policy.act(observations, decision)).all()
+        assert 0.1 < (drawn != best).mean() < 0.9
+    assert agreement(exported, policy, observations).holds
+    with pytest.raises(InputError) as caught:
+        exported.act(observations)
+    assert str(caught.value) == (
+        "model: decision is missing, but must be the number of the decision in the episode: "
+        "this policy draws its actions."
+    )
+
+
 def test_disagreement_is_found(tmp_path):
     one = make_policy(tmp_path / "one", of_robot=(0, 0, 0))
     other = make_policy(tmp_path / "other", of_robot=(0, 0, 0), seed=1)

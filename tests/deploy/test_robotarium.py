@@ -81,7 +81,7 @@ for row in range(len(columns["pose"])):
     here = team.on_map(readings.pose)
     team.place(readings.pose, here)
     if row % 3 == 0:
-        team.decide(readings, ~here, anew=row == 0)
+        team.decide(readings, ~here, row // 3, anew=row == 0)
     speeds.append(team.wheel_speeds(~here))
     actions.append(team.actions)
     grippers.append(team.gripper)

@@ -105,6 +105,28 @@ def weights(folder):
     return (folder / "policy" / "policy.safetensors").read_bytes()
 
 
+def test_a_temperature_changes_how_the_team_acts_and_nothing_that_it_learned(tmp_path):
+    settings = {"evaluation_episodes": 2, "evaluation_steps": 40, "steps": 200, "num_envs": 2}
+    cold, warm = (
+        train(run_config("ps-ippo", robots=2, temperature=temperature, **settings), tmp_path / name, print)
+        for name, temperature in (("cold", None), ("warm", 3.0))
+    )
+    one, other = load_policy(cold.folder), load_policy(warm.folder)
+    assert (one.card.network.temperature, other.card.network.temperature) == (None, 3.0)
+    for name, array in one.weights().items():
+        assert (array == other.weights()[name]).all()
+    env = VectorEnv("paper", num_envs=2, robots=2, seed=3)
+    observation = env.reset()
+    chosen = [other.act(observation, decision) for decision in range(20)]
+    assert len({actions.tobytes() for actions in chosen}) > 5
+    with pytest.raises(InputError) as caught:
+        train(run_config("madqn", robots=2, temperature=0.5), tmp_path / "joint", print)
+    assert str(caught.value) == (
+        'temperature is 0.5, but must be absent where output is "joint action values".'
+    )
+    assert not (tmp_path / "joint").exists()
+
+
 def test_equal_runs_end_in_equal_bits_in_another_process_too(tmp_path):
     run(tmp_path / "one")
     program = (

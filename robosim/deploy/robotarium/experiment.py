@@ -197,5 +197,6 @@ class Experiment:
             floor.act(known, np.where(lost, np.int8(0), team.gripper))
             if floor.delivered.sum() > before:
                 self.deliveries.append((time, int(floor.delivered.sum())))
-        team.decide(floor.readings(known, time), lost, anew=self._turn == 0)
+        decision = self._turn // self._decision_turns
+        team.decide(floor.readings(known, time), lost, decision, anew=self._turn == 0)
         floor.begin()
