@@ -35,6 +35,7 @@ _MOST_VALUES = 1000
 _MOST_BYTES = 1_000_000
 _TECHNIQUE = "technique"
 _SEED = "seed"
+_TEMPERATURE = "temperature"
 _SCALAR = "a number, a text, true or false"
 _VALUE = f"{_SCALAR}, or a list of them"
 
@@ -215,7 +216,7 @@ def _check_value(place: str, name: str, value: object) -> None:
         raise refused(place, value, _VALUE)
     if name.startswith("evaluation_"):
         raise InputError(f"{place} cannot be given: [evaluation] says how teams are measured.")
-    if name in RunSettings.model_fields and name not in (_TECHNIQUE, _SEED):
+    if name in RunSettings.model_fields and name not in (_TECHNIQUE, _SEED, _TEMPERATURE):
         raise InputError(f"{place} cannot be given: a sweep runs each team in one process of its own.")
 
 

@@ -27,7 +27,7 @@ match = { technique = "smadrl", robots = [3, 2] }
 options = { steps = 2000, first_team = 1 }
 [[where]]
 match = { technique = "smadrl", robots = 3 }
-options = { steps = 3000 }
+options = { steps = 3000, temperature = 0.5 }
 [[where]]
 match = { technique = "iql", seed = 1 }
 trials = [ { learning_rate = 1e-3 }, { learning_rate = 3e-4, hidden = [8, 8] } ]
@@ -81,7 +81,11 @@ def test_a_run_is_what_the_same_options_make_of_run_config(tmp_path):
         ("technique=iql robots=2 seed=0", "iql", {"steps": 1000}),
         ("technique=smadrl robots=2 seed=1", "smadrl", {"steps": 2000, "first_team": 1, "seed": 1}),
         # The later block wins, and what it does not name stays.
-        ("technique=smadrl robots=3 seed=0", "smadrl", {"steps": 3000, "first_team": 1, "robots": 3}),
+        (
+            "technique=smadrl robots=3 seed=0",
+            "smadrl",
+            {"steps": 3000, "first_team": 1, "robots": 3, "temperature": 0.5},
+        ),
         (
             "technique=iql robots=3 seed=1 learning_rate=0.0003 hidden=[8, 8]",
             "iql",
