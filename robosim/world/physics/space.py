@@ -15,6 +15,7 @@ from robosim.arena.model import Arena
 from robosim.robot.sheet import GRAVITY, RobotSheet
 from robosim.robot.team import Team
 from robosim.world.draws import Draws
+from robosim.world.physics.buffers import borrow_buffers
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -99,10 +100,7 @@ class EpisodeSpace:
         """[robots + pellets] pymunk's ids, robots first."""
         self.ground_id = np.uintp(self._space.static_body.id)
         """pymunk's id of the static body, which is listed among the others."""
-        self._bodies = batch.Buffer()
-        self._arbiters = batch.Buffer()
-        self._commands = batch.Buffer()
-        self._commands.set_float_buf(commands)
+        self._bodies, self._arbiters, self._commands = borrow_buffers(self, commands)
 
     def _add_walls(self) -> None:
         ground = self._space.static_body
