@@ -179,7 +179,7 @@ Span = tuple[int, int]
 """First cell and the one after the last."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Sketch:
     """A map that is being drawn on a canvas of walls; x grows to the right, y upward."""
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.geometry import components
 from robosim.arena.model import GOALS, Arena, Zone
+from robosim.equality import EqualByValue
 from robosim.robot.drivers import CARDINAL_STEPS
 from robosim.robot.sheet import RobotSheet
 from robosim.robot.team import ROLES, Group
@@ -32,8 +33,8 @@ MOUTH_REACH = 3.0
 INBOUND, OUTBOUND = 0, 1
 
 
-@dataclass(frozen=True, slots=True)
-class Routes:
+@dataclass(frozen=True, slots=True, eq=False)
+class Routes(EqualByValue):
     """Where to go from every cell, on a grid padded by one wall on each side."""
 
     cost: Floats

@@ -22,6 +22,7 @@ from robosim.deploy.readings import Bools, Floats, Readings
 from robosim.deploy.team import RealTeam
 from robosim.discretise.pheromone import SharedMemory
 from robosim.envs.config import env_config
+from robosim.equality import EqualByValue
 from robosim.errors import InputError, refused
 from robosim.robot.kinematics import wrap_angle
 from robosim.world.state import Gripper
@@ -45,8 +46,8 @@ class Chooser(Protocol):
     def act(self, observation: NDArray[np.float32], decision: int | None = None) -> NDArray[np.int64]: ...
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+@dataclass(frozen=True, slots=True, eq=False)
+class Command(EqualByValue):
     """What the robots are to do in the next control period."""
 
     wheel_speeds: Floats

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from robosim.deploy.readings import Readings
 from robosim.envs.config import EnvConfig
+from robosim.equality import EqualByValue
 from robosim.errors import InputError
 
 if TYPE_CHECKING:
@@ -93,8 +94,8 @@ class DecisionLog:
             self.failed = f"{self.path}: the log ends early: {str(error).rstrip('.')}."
 
 
-@dataclass(frozen=True, slots=True)
-class Logged:
+@dataclass(frozen=True, slots=True, eq=False)
+class Logged(EqualByValue):
     """A control period of a log."""
 
     period: int

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.equality import EqualByValue
 from robosim.errors import InputError
 from robosim.world.state import ABSENT, LOOSE, WorldState, blank_state
 
@@ -17,8 +18,8 @@ NOTHING = -1
 """In place of a pellet, where there is none."""
 
 
-@dataclass(frozen=True, slots=True)
-class Readings:
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings(EqualByValue):
     """What is known of a team of robots at one moment."""
 
     time: Floats

@@ -26,7 +26,7 @@ Act = Callable[[NDArray[np.float32], int], NDArray[np.int64]]
 """A policy: from observations [batch, robots, size] and the decision's number to actions [batch, robots]."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Setting:
     """One environment, and a pellet for each robot to know of."""
 

@@ -14,6 +14,7 @@ from robosim.discretise.cells import NEIGHBOURS
 from robosim.discretise.modes import Mode
 from robosim.discretise.own_frame import SIDES
 from robosim.discretise.pheromone import CHANNELS, Seen
+from robosim.equality import EqualByValue
 from robosim.robot.drivers import ACTION_NAMES, ActionKind
 
 Encoding = Literal["paper", "expanded"]
@@ -166,8 +167,8 @@ def mask_blocked_moves(
     return values
 
 
-@dataclass(frozen=True, slots=True)
-class OwnState:
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnState(EqualByValue):
     """What the encodings are made of; arrays are [envs, robots] unless said otherwise."""
 
     mode: NDArray[np.uint8]

@@ -20,6 +20,7 @@ from robosim.envs.config import EnvConfig, env_config
 from robosim.envs.profile import ProfileConfig
 from robosim.episodes.frame import Frame
 from robosim.episodes.trajectory import Trajectory
+from robosim.equality import EqualByValue
 from robosim.errors import InputError, refused, whole_number
 from robosim.world.factory import make_world
 from robosim.world.motion import MotionDraws
@@ -52,8 +53,8 @@ class Transition(NamedTuple):
     """[envs, robots] under way, in touch with something, and hardly moved in this step."""
 
 
-@dataclass(frozen=True, slots=True)
-class Snapshot:
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot(EqualByValue):
     """A moment of a batch of environments: their seeds, and the actions since the episode began.
 
     The solver keeps contacts and forces inside that no copy carries over to the last bit, so a moment is
@@ -229,7 +230,11 @@ class VectorEnv:
         )
 
     def frame(self, env: int = 0) -> Frame:
-        """Return what there is to see of one environment; its arrays are views, valid until the next step."""
+        """Return what there is to see of one environment; its arrays are views, valid until the next step.
+
+        Raises InputError before the first reset, and for an environment that there is not.
+        """
+        env = self._begun("frame", env)
         world, dec, state = self._world, self._dec, self._world.state
         contacts = world.contacts
         return Frame(
@@ -264,6 +269,7 @@ class VectorEnv:
 
         Raises InputError for a snapshot of another batch size, or longer than an episode.
         """
+        require_snapshot(snapshot)
         snapshot.require_size(self.num_envs, self.robots)
         if len(snapshot.actions) > self.episode_steps:
             raise InputError(
@@ -281,7 +287,11 @@ class VectorEnv:
         return observation
 
     def trajectory(self, env: int = 0, *, policy: str = "") -> Trajectory:
-        """Return the current episode of one environment so far, as seed and actions; `policy` chose them."""
+        """Return the current episode of one environment so far, as seed and actions; `policy` chose them.
+
+        Raises InputError before the first reset, and for an environment that there is not.
+        """
+        env = self._begun("trajectory", env)
         return Trajectory(
             config=self.config,
             seed=self.seeds[env],
@@ -291,9 +301,20 @@ class VectorEnv:
             drawn=None if self.drawn is None else self.drawn[env].table(),
         )
 
+    def _begun(self, what: str, env: int) -> int:
+        if self.episode < 0:
+            raise InputError(f"{what}: no episode has begun; call reset first.")
+        return whole_number(f"{what}: env", env, 0, self.num_envs - 1)
+
     def seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:
         """Return the seed of each environment, for one number or one each; InputError for anything else."""
         return env_seeds(seed, self.num_envs)
+
+
+def require_snapshot(snapshot: object) -> None:
+    """Raise InputError unless it is a `Snapshot`."""
+    if not isinstance(snapshot, Snapshot):
+        raise refused("snapshot", snapshot, "what `snapshot` returned")
 
 
 def env_seeds(seed: int | Sequence[int], num_envs: int) -> tuple[int, ...]:

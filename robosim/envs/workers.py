@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.model import Arena
 from robosim.envs.config import EnvConfig
-from robosim.envs.vector import Snapshot, Transition, VectorEnv, checked_actions
+from robosim.envs.vector import Snapshot, Transition, VectorEnv, checked_actions, require_snapshot
 from robosim.episodes.frame import Frame
-from robosim.errors import InputError, refused
+from robosim.errors import InputError, refused, whole_number
 from robosim.world.motion import MotionDraws
 
 _PATIENCE = 5.0
@@ -134,6 +134,7 @@ class WorkerVectorEnv:
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Return to a moment, exact to the last bit; returns the observations [envs, robots, size]."""
+        require_snapshot(snapshot)
         snapshot.require_size(self.num_envs, self.robots)
         with self._exchange():
             for worker, share in enumerate(self._shares):
@@ -161,14 +162,13 @@ class WorkerVectorEnv:
 
     def frame(self, env: int = 0) -> Frame:
         """Return what a recorder reads of one environment after reset() and after each step()."""
-        for worker, share in enumerate(self._shares):
-            if share.start <= env < share.stop:
-                with self._exchange():
-                    self._send(worker, ("frame", env - share.start))
-                    frame: Frame = self._receive(worker)
-                contacts = replace(frame.contacts, env=np.full_like(frame.contacts.env, env))
-                return replace(frame, contacts=contacts)
-        raise refused("env", env, f"a whole number from 0 to {self.num_envs - 1}")
+        env = whole_number("frame: env", env, 0, self.num_envs - 1)
+        worker = next(number for number, share in enumerate(self._shares) if env < share.stop)
+        with self._exchange():
+            self._send(worker, ("frame", env - self._shares[worker].start))
+            frame: Frame = self._receive(worker)
+        contacts = replace(frame.contacts, env=np.full_like(frame.contacts.env, env))
+        return replace(frame, contacts=contacts)
 
     def close(self) -> None:
         """End the processes; nothing can be done with this object afterwards."""

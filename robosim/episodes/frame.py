@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.equality import EqualByValue
 from robosim.world.contacts import Contacts
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame(EqualByValue):
     """One environment at one decision. Arrays are views into the environment: copy what you keep."""
 
     step: int

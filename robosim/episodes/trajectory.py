@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.envs.config import EnvConfig
+from robosim.equality import EqualByValue
 from robosim.errors import InputError, shown
 from robosim.files import require_writable, whole_file
 from robosim.robot.drivers import ACTION_NAMES
@@ -53,8 +54,8 @@ _DAMAGE = (
 _Values = dict[str, NDArray[np.generic]]
 
 
-@dataclass(frozen=True, slots=True)
-class Trajectory:
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory(EqualByValue):
     """One environment's episode."""
 
     config: EnvConfig

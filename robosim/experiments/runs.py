@@ -19,6 +19,7 @@ from robosim.control.card import Evaluation
 from robosim.control.policy import RUN_RECORD, check_run
 from robosim.envs.config import MOST_STEPS, EnvConfig
 from robosim.envs.profile import CHANGED, ProfileConfig, load_profile
+from robosim.equality import EqualByValue
 from robosim.errors import InputError, shown, whole_number
 from robosim.experiments.jobs import CONFIG_FILE as JOB_FILE
 from robosim.experiments.jobs import WORK_FOLDER
@@ -67,8 +68,8 @@ class Task:
         return f"{self.arena}{grid}, {robots}, episodes of {self.episode_steps} decisions{under}"
 
 
-@dataclass(frozen=True, slots=True)
-class Curve:
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve(EqualByValue):
     """How a run learned, exploration included: all arrays are [points]."""
 
     steps: Floats

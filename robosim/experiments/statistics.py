@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robosim.equality import EqualByValue
 from robosim.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -40,8 +41,8 @@ class Estimate:
     high: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class Band:
+@dataclass(frozen=True, slots=True, eq=False)
+class Band(EqualByValue):
     """A statistic at every point of a curve, with an interval for each: all arrays are [points]."""
 
     value: Floats

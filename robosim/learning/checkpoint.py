@@ -34,7 +34,7 @@ _KEPT = 2
 """Checkpoints kept: the latest, and the one before for the case that the latest is damaged."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
     """A moment of a run."""
 

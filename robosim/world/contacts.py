@@ -8,6 +8,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.equality import EqualByValue
+
 
 class ContactKind(IntEnum):
     """What touched; a pellet that a robot holds counts as a part of that robot."""
@@ -17,8 +19,8 @@ class ContactKind(IntEnum):
     ROBOT_PELLET = 2
 
 
-@dataclass(frozen=True, slots=True)
-class Contacts:
+@dataclass(frozen=True, slots=True, eq=False)
+class Contacts(EqualByValue):
     """The contacts of one decision: pairs of bodies that press on each other as a control period ends."""
 
     env: NDArray[np.int64]

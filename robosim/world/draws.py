@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Randomisation
+from robosim.equality import EqualByValue
 from robosim.robot.kinematics import wrap_angle
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
-class Draws:
+@dataclass(frozen=True, slots=True, eq=False)
+class Draws(EqualByValue):
     """What an episode draws at random: starting poses, places of pellets, and factors of the data sheet."""
 
     robot_pose: Floats

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from robosim.equality import EqualByValue
 from robosim.errors import refused
 from robosim.records import Many, Record
 from robosim.world.chance import child, uniform
@@ -90,8 +91,8 @@ EXACT = MotionConfig()
 """Robots as their data sheet says."""
 
 
-@dataclass(frozen=True, slots=True)
-class MotionDraws:
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionDraws(EqualByValue):
     """What an episode draws from a `MotionConfig`."""
 
     wheel_gain: Floats

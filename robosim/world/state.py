@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena
+from robosim.equality import EqualByValue
 from robosim.robot.team import Team
 from robosim.world.contacts import ContactKind, Contacts
 
@@ -46,8 +47,8 @@ class Gripper(IntEnum):
     """Hold what it holds, or take a pellet that it touches."""
 
 
-@dataclass(slots=True)
-class WorldState:
+@dataclass(slots=True, eq=False)
+class WorldState(EqualByValue):
     """Bodies and events of a batch of worlds; the arrays are overwritten by the next decision."""
 
     pose: Floats

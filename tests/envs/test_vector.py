@@ -1,4 +1,5 @@
 import math
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import robosim.envs.gym_env
 from robosim.arena import Arena, load_arena, parse_arena
 from robosim.control.controller import make_controller
 from robosim.envs.vector import Snapshot, Transition, VectorEnv
-from robosim.errors import InputError
+from robosim.errors import InputError, shown
 from robosim.robot.drivers import ACTION_NAMES
 
 VARIED = parse_arena(
@@ -409,12 +410,40 @@ def test_what_comes_before_reset_or_after_the_end_is_one_sentence() -> None:
     env = VectorEnv("paper", robots=1, episode_steps=2, autoreset=False)
     refused("step: no episode has begun; call reset first.", env.step, [[0]])
     refused("snapshot: no episode has begun; call reset first.", env.snapshot)
+    refused("frame: no episode has begun; call reset first.", env.frame)
+    refused("trajectory: no episode has begun; call reset first.", env.trajectory)
     env.reset()
     env.step([[0]])
     env.step([[0]])
     refused("step: the episode has ended after 2 decisions; call reset to begin another.", env.step, [[0]])
     env.reset()
     env.step([[0]])
+
+
+@pytest.mark.parametrize("env", [9, -1, "x", 0.0, True, None, [0]])
+def test_an_environment_that_there_is_not_is_one_sentence(env: Any) -> None:
+    batch = VectorEnv("paper", robots=1, num_envs=2)
+    batch.reset()
+    for what in (batch.frame, batch.trajectory):
+        sentence = f"{what.__name__}: env is {shown(env)}, but must be a whole number from 0 to 1."
+        refused(sentence, what, env)
+
+
+def test_what_is_no_snapshot_is_one_sentence() -> None:
+    env = VectorEnv("paper", robots=1)
+    refused("snapshot is 5, but must be what `snapshot` returned.", env.restore, 5)
+
+
+def test_snapshots_and_trajectories_are_equal_by_value() -> None:
+    env = VectorEnv("paper", robots=2)
+    env.reset()
+    env.step([[0, 1]])
+    moment, run, frame = env.snapshot(), env.trajectory(), deepcopy(env.frame())
+    assert (env.snapshot(), env.trajectory(), env.frame()) == (moment, run, frame)
+    env.step([[0, 1]])
+    assert env.snapshot() != moment
+    assert env.trajectory() != run
+    assert env.frame() != frame
 
 
 def test_a_wrong_seed_for_reset_leaves_the_environment_as_it_was() -> None:

@@ -13,6 +13,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from numpy.typing import NDArray
 
 from robosim.analysis.figures.style import COLUMN, FAINT, INK, PAGE, QUIET, SERIES, put_legend_above
+from robosim.equality import EqualByValue
 
 Floats = NDArray[np.float64]
 
@@ -21,8 +22,8 @@ _DASHES = ((0, ()), (0, (4, 2)), (0, (1, 1.5)))
 _PANEL_HEIGHT = 1.75
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+@dataclass(frozen=True, slots=True, eq=False)
+class Line(EqualByValue):
     """A system in a panel: all arrays are [points]."""
 
     name: str

@@ -24,6 +24,7 @@ from robosim.analysis.figures.rendering import palette_png
 from robosim.analysis.figures.style import SERIES
 from robosim.arena.model import Arena
 from robosim.episodes.frame import Frame
+from robosim.equality import EqualByValue
 from robosim.files import write_whole
 from robosim.world.state import LOOSE
 
@@ -33,8 +34,8 @@ _WIDTH, _TITLE, _LEGEND, _GAP = 9.0, 0.35, 0.35, 0.1
 _DPI, _COLOURS = 110, 64
 
 
-@dataclass(frozen=True)
-class Moment:
+@dataclass(frozen=True, eq=False)
+class Moment(EqualByValue):
     """Where robots and pellets are."""
 
     title: str

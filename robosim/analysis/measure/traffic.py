@@ -12,6 +12,7 @@ from robosim.analysis.measure.tunnels import Tunnels
 from robosim.analysis.measure.visits import Visit, VisitLog
 from robosim.arena.model import Arena
 from robosim.episodes.columns import FrameColumns
+from robosim.equality import EqualByValue
 from robosim.robot.drivers import STOP
 
 Floats = NDArray[np.float64]
@@ -41,8 +42,8 @@ class Windows(NamedTuple):
     """[n] approach of the robots in the tunnel to their goals, over length and time: robots / s."""
 
 
-@dataclass(slots=True)
-class Traffic:
+@dataclass(slots=True, eq=False)
+class Traffic(EqualByValue):
     """What the traffic of an episode came to."""
 
     visits: list[Visit]

@@ -220,7 +220,7 @@ class StackedDoubleDQN:
             )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Block:
     """What an update reads and writes of some robots: views, made once."""
 
