@@ -8,12 +8,23 @@ from collections.abc import Iterable
 
 import numpy as np
 
+_LONGEST_LINE = 1000
+"""Characters of a sentence: a path may take some hundreds."""
+_MOST_LINES = 50
+
 
 class InputError(ValueError):
     """Wrong input: one sentence that names the place, the value and what is allowed.
 
-    The command line prints the sentence and exits with code 2.
+    The command line prints the sentence and exits with code 2. Whatever it repeats of the input cannot steer
+    a terminal, nor fill it: lines are made printable and cut.
     """
+
+    def __init__(self, sentence: object = "") -> None:
+        lines = str(sentence).split("\n")
+        if len(lines) > _MOST_LINES:
+            lines[_MOST_LINES:] = [f"... and {len(lines) - _MOST_LINES} more."]
+        super().__init__("\n".join(printable(line, _LONGEST_LINE) for line in lines))
 
 
 class IncompleteError(Exception):
@@ -32,10 +43,18 @@ def nearest_names(name: str, known: Iterable[str]) -> str:
     return f"known names are {', '.join(names)}."
 
 
+def printable(text: str, most: int = 80) -> str:
+    """Return a text in one line of at most `most` characters, with marks for those that do not print."""
+    cut = text[: most + 1].replace("\n", " ").replace("\t", " ")
+    line = "".join(character if character.isprintable() else "?" for character in cut)
+    return line if len(text) <= most else line[: most - 4] + " ..."
+
+
 def shown(value: object) -> str:
     """Write a value as a file would, in one printable line that is not too long."""
     if isinstance(value, str | bool):
-        text = json.dumps(value)
+        # More of a text than is shown need not be written.
+        text = json.dumps(value[:100] if isinstance(value, str) else value)
     elif isinstance(value, list | tuple):
         more = ", ..." if len(value) > 9 else ""
         text = "[" + ", ".join(shown(part) for part in value[:9]) + more + "]"
@@ -45,8 +64,7 @@ def shown(value: object) -> str:
         text = "a whole number of more than 30 digits"
     else:
         text = " ".join(str(value).split())
-    text = "".join(character if character.isprintable() else "?" for character in text)
-    return text if len(text) <= 80 else text[:76] + " ..."
+    return printable(text)
 
 
 def refused(place: str, value: object, allowed: str) -> InputError:

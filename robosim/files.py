@@ -11,10 +11,13 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
-from robosim.errors import InputError
+from robosim.errors import InputError, shown
 
 _STRAY = re.compile(r"\.(?P<name>.+)\.\d+(-\d+)?\.(part|probe)")
 """`.NAME.PROCESS.part`, as `whole_file` calls what it writes; some put a time behind the process."""
+
+_MOST_BYTES = 4_000_000_000
+"""Of a file of a run."""
 
 _LOOK_AGAIN = 0.1
 """Time between two looks at a lock that another process holds, s."""
@@ -151,6 +154,8 @@ def require_unchanged(folder: Path, known: Mapping[str, str]) -> None:
     Files that are gone are left to whoever needs them.
     """
     for name, digest in known.items():
+        if ".." in Path(name).parts or Path(name).is_absolute():
+            raise InputError(f"{folder}: {shown(name)} is not the name of a file of a run.")
         path = folder / name
         try:
             if is_regular(path) and _digest(path) != digest:
@@ -160,7 +165,10 @@ def require_unchanged(folder: Path, known: Mapping[str, str]) -> None:
 
 
 def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size > _MOST_BYTES:
+            raise InputError(f"{path}: the file is larger than {_MOST_BYTES} bytes, the most it may have.")
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sync(path: Path) -> None:

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from robosim.arena.model import Arena
 from robosim.arena.parse import parse_arena
-from robosim.arena.shipped import read_text, shipped_folder, shipped_names
-from robosim.errors import InputError, nearest_names
+from robosim.arena.shipped import shipped_folder, shipped_names
+from robosim.errors import InputError, nearest_names, shown
+from robosim.texts import read_text
 
 _MOST_BYTES = 1_000_000
 
@@ -45,7 +46,7 @@ def _find(name_or_path: str | Path) -> Path:
         return shipped_folder("arenas") / f"{text}.toml"
     path = Path(text)
     if isinstance(name_or_path, str) and path.name == text and path.suffix != ".toml" and not _exists(path):
-        raise InputError(f"No arena is named {text!r}: {nearest_names(text, names)}")
+        raise InputError(f"No arena is named {shown(text)}: {nearest_names(text, names)}")
     return path
 
 
@@ -57,4 +58,4 @@ def _exists(path: Path) -> bool:
 
 
 def _read(path: Path) -> str:
-    return read_text(path, "arena file", "the arena file", _MOST_BYTES)
+    return read_text(path, _MOST_BYTES)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -27,6 +26,7 @@ from robosim.arena.schema import ArenaFile, mistake
 from robosim.errors import InputError
 from robosim.robot.sheet import RobotSheet
 from robosim.robot.team import ROLES, Group, Team
+from robosim.texts import parse_toml
 
 _APART = 2.06
 """Least distance of start places and of pellet places, in radii."""
@@ -44,7 +44,7 @@ def parse_arena(text: str, file: str) -> Arena:
 
     Raises InputError with one sentence per mistake, one on each line.
     """
-    table = _toml(text, file)
+    table = parse_toml(text, file)
     values, mistakes = _values(table)
     zones, found = _drawn(table.get("map"))
     mistakes += found
@@ -62,14 +62,6 @@ def parse_arena(text: str, file: str) -> Arena:
 
 def _refusal(file: str, mistakes: list[str]) -> InputError:
     return InputError("\n".join(f"{file}: {sentence}" for sentence in mistakes))
-
-
-def _toml(text: str, file: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{file}: this is not TOML: {reason}.") from None
 
 
 def _values(table: dict[str, Any]) -> tuple[ArenaFile | None, list[str]]:

@@ -1,4 +1,4 @@
-"""Where data that comes with robosim lies (arenas, policies, profiles), and reading texts of that kind."""
+"""Where data that comes with robosim lies: arenas, policies, profiles."""
 
 from __future__ import annotations
 
@@ -26,28 +26,3 @@ def shipped_folder(kind: str) -> Path:
 def shipped_names(kind: str) -> list[str]:
     """Return the names of the TOML files of one kind that ship, sorted."""
     return sorted(path.stem for path in shipped_folder(kind).glob("*.toml"))
-
-
-def read_text(path: Path, what: str, itself: str, most: int) -> str:
-    """Return the text of a file of at most so many bytes; InputError in one sentence where it is none.
-
-    `what` and `itself` are what the sentence calls it: "arena file", "the arena file".
-    """
-    one = f"an {what}" if what[0] in "aeiou" else f"a {what}"
-    try:
-        with path.open("rb") as file:
-            data = file.read(most + 1)
-    except IsADirectoryError:
-        raise InputError(f"{path}: this is a directory; give {itself} (.toml) itself.") from None
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such {what}.") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(f"{path}: cannot be read: {reason}.") from None
-    if len(data) > most:
-        owner = one.removesuffix(" file")
-        raise InputError(f"{path}: the file is larger than {most} bytes, the most {owner} may have.")
-    try:
-        return data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8, as {one} must be.") from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -20,6 +19,7 @@ from robosim.envs.profile import ProfileConfig
 from robosim.errors import InputError, shown
 from robosim.records import Many, Record
 from robosim.robot.team import Group, RoleName
+from robosim.texts import parse_json, read_limited
 from robosim.world.factory import WorldKind
 
 if TYPE_CHECKING:
@@ -318,6 +318,17 @@ def fingerprint(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
+def read_evaluation(path: Path) -> Evaluation:
+    """Read and check a file that holds an evaluation; InputError in one sentence if it is none."""
+    try:
+        table = parse_json(read_limited(path, MOST_BYTES))
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{path}: not an evaluation, which is a JSON object ({error}).") from None
+    return Evaluation.from_table(table, str(path))
+
+
 def card_text(card: PolicyCard) -> str:
     """Return the card as the JSON text that `read_card` reads."""
     return card.model_dump_json(indent=2) + "\n"
@@ -327,8 +338,8 @@ def read_card(path: Path) -> PolicyCard:
     """Read and check a card; InputError in one sentence for whatever is wrong with it."""
     data = read_limited(path, MOST_BYTES)
     try:
-        table = json.loads(data)
-    except (ValueError, RecursionError):
+        table = parse_json(data)
+    except ValueError:
         table = None
     if not isinstance(table, dict):
         raise InputError(f"{path}: not a policy card, which is a JSON object.")
@@ -338,21 +349,3 @@ def read_card(path: Path) -> PolicyCard:
             f"{path}: format_version is {shown(version)}; this robosim reads version {FORMAT_VERSION}."
         )
     return PolicyCard.from_table(table, str(path))
-
-
-def read_limited(path: Path, most: int) -> bytes:
-    """Return the bytes of a regular file of at most `most` bytes; InputError otherwise."""
-    try:
-        if path.is_dir():
-            raise InputError(f"{path}: this is a directory; a file is needed here.")
-        if not path.exists():
-            raise InputError(f"{path}: there is no such file.")
-        if not path.is_file():
-            raise InputError(f"{path}: not a regular file.")
-        with path.open("rb") as file:
-            data = file.read(most + 1)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from None
-    if len(data) > most:
-        raise InputError(f"{path}: the file is larger than {most} bytes, the most it may have.")
-    return data

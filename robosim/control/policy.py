@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
 import tempfile
@@ -17,10 +16,11 @@ import safetensors.numpy
 from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.shipped import shipped_folder
-from robosim.control.card import MOST_BYTES, PolicyCard, card_text, read_card, read_limited
+from robosim.control.card import MOST_BYTES, PolicyCard, card_text, read_card
 from robosim.control.network import Networks, Weights, check_weights
 from robosim.errors import InputError, nearest_names, shown
 from robosim.files import is_regular, require_unchanged
+from robosim.texts import parse_json, read_limited
 
 WEIGHTS_FILE = "policy.safetensors"
 CARD_FILE = "card.json"
@@ -139,11 +139,11 @@ def check_run(folder: Path) -> None:
     try:
         if not is_regular(path):
             return
-        files = json.loads(read_limited(path, MOST_BYTES)).get("files", {})
+        files = parse_json(read_limited(path, MOST_BYTES)).get("files", {})
         require_unchanged(folder, {str(name): str(digest) for name, digest in files.items()})
     except InputError:
         raise
-    except (ValueError, AttributeError, RecursionError):
+    except (ValueError, AttributeError):
         raise InputError(f"{path}: not the last record of a run.") from None
 
 

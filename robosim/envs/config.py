@@ -23,6 +23,8 @@ MOST_STEPS = 100_000_000
 """Decisions in an episode."""
 LONGEST_ARENA = 1_000_000
 """Characters of an arena's text."""
+MOST_CONFIG = 5_000_000
+"""Bytes of a file that holds the configuration of a run."""
 
 
 class EnvConfig(Record):

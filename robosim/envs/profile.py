@@ -6,16 +6,16 @@ What training randomises and what evaluation uses are profiles beside the arena,
 from __future__ import annotations
 
 import os
-import tomllib
 from functools import lru_cache
 from pathlib import Path
 
 from pydantic import Field
 
-from robosim.arena.shipped import read_text, shipped_folder, shipped_names
+from robosim.arena.shipped import shipped_folder, shipped_names
 from robosim.discretise.noise import ReadingConfig, SensingConfig
-from robosim.errors import InputError, nearest_names
+from robosim.errors import InputError, nearest_names, shown
 from robosim.records import Record
+from robosim.texts import parse_toml, read_text
 from robosim.world.motion import MotionConfig
 
 LONGEST_PROFILE = 100_000
@@ -68,11 +68,7 @@ def profile_text(name_or_path: str) -> str:
 
 @lru_cache(maxsize=16)
 def _parsed(text: str, place: str) -> ProfileConfig:
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{place}: not a TOML file ({error}).") from None
-    return ProfileConfig.from_table(table, place)
+    return ProfileConfig.from_table(parse_toml(text, place), place)
 
 
 def _find(name_or_path: str | Path) -> Path:
@@ -82,9 +78,9 @@ def _find(name_or_path: str | Path) -> Path:
         return shipped_folder("profiles") / f"{text}.toml"
     path = Path(text)
     if isinstance(name_or_path, str) and path.name == text and path.suffix != ".toml":
-        raise InputError(f"No profile is named {text!r}: {nearest_names(text, names)}")
+        raise InputError(f"No profile is named {shown(text)}: {nearest_names(text, names)}")
     return path
 
 
 def _read(path: Path) -> str:
-    return read_text(path, "profile", "the profile's file", LONGEST_PROFILE)
+    return read_text(path, LONGEST_PROFILE)

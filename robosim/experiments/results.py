@@ -14,10 +14,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from robosim.errors import InputError, shown
+from robosim.errors import InputError, printable, shown
 from robosim.files import append_line
+from robosim.texts import parse_json, read_text
 
 _TEXT = re.compile(r'"(?:[^"\\]|\\.)*(?:"|$)')
+_MOST_BYTES = 1_000_000_000
+"""Of a file of results."""
 _WHOLE = 10**15
 """From here on, floats do not hold every whole number."""
 _PACKAGES = ("robosim", "numpy", "pymunk", "torch")
@@ -61,22 +64,19 @@ def read_results(path: Path) -> dict[str, Result]:
     A line that a kill cut short counts for nothing. InputError for any other line that is no result.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError:
-        return {}
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a file of results ({error}).") from None
+        lines = read_text(path, _MOST_BYTES).splitlines() if path.exists() else []
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from None
     results: dict[str, Result] = {}
     for number, line in enumerate(lines, 1):
         try:
-            result = _result(**json.loads(line))
+            result = _result(**parse_json(line))
             results[result.key] = result
-        except json.JSONDecodeError as error:
-            if _is_cut(line):
+        except (TypeError, ValueError, AttributeError, OverflowError) as error:
+            if isinstance(error, json.JSONDecodeError) and _is_cut(line):
                 continue
-            raise InputError(f"{path}: line {number} is no result ({error}).") from None
-        except (TypeError, ValueError, AttributeError, RecursionError) as error:
-            raise InputError(f"{path}: line {number} is no result ({error}).") from None
+            reason = printable(str(error), 200)
+            raise InputError(f"{path}: line {number} is no result ({reason}).") from None
     return results
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,15 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena import Arena, load_arena
-from robosim.control.card import Evaluation
+from robosim.control.card import MOST_BYTES, Evaluation
 from robosim.control.policy import RUN_RECORD, check_run
-from robosim.envs.config import MOST_STEPS, EnvConfig
+from robosim.envs.config import MOST_CONFIG, MOST_STEPS, EnvConfig
 from robosim.envs.profile import CHANGED, ProfileConfig, load_profile
 from robosim.equality import EqualByValue
-from robosim.errors import InputError, shown, whole_number
+from robosim.errors import InputError, printable, shown, whole_number
 from robosim.experiments.jobs import CONFIG_FILE as JOB_FILE
 from robosim.experiments.jobs import WORK_FOLDER
 from robosim.experiments.results import Result, read_results
+from robosim.texts import parse_json, read_limited, read_toml
 
 Floats = NDArray[np.float64]
 
@@ -231,10 +230,7 @@ def _read_folder(folder: Path) -> Run:
     if evaluation is None:
         raise InputError(f"{path}: this is not the evaluation of a run.")
     config = folder / CONFIG_FILE
-    try:
-        tables = tomllib.loads(config.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{config}: not a TOML file ({error}).") from None
+    tables = read_toml(config, MOST_CONFIG)
     arena = _arena(str(_table(tables, "env", str(config)).get("arena", evaluation.arena)))
     return _evaluated(
         evaluation,
@@ -248,8 +244,8 @@ def _read_folder(folder: Path) -> Run:
 def _read_evaluation(path: Path) -> Evaluation | None:
     """Return the evaluation in a file; None where it is none, but may hold results."""
     try:
-        table = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
+        table = parse_json(read_limited(path, MOST_BYTES))
+    except ValueError:
         return None
     if not isinstance(table, dict) or "controller" not in table:
         return None
@@ -266,8 +262,11 @@ def _read_curve(path: Path) -> Curve | None:
 
     try:
         rows = read_metrics(path)
-    except (ArrowException, OSError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: cannot be read as the metrics of a run ({error}).") from None
+    except InputError:
+        raise
+    except (ArrowException, OSError, KeyError, TypeError, ValueError) as error:
+        reason = printable(str(error), 200)
+        raise InputError(f"{path}: cannot be read as the metrics of a run ({reason}).") from None
     if not rows:
         return None
     pellets = [1000.0 * row.delivered / row.decisions for row in rows]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from robosim.learning.config import (
 )
 from robosim.learning.technique import TECHNIQUES, find_technique
 from robosim.records import Many, Record, sentence
+from robosim.texts import read_toml
 
 MOST_RUNS = 10_000
 _MOST_VALUES = 1000
@@ -156,7 +156,7 @@ def read_sweep(path: Path) -> Sweep:
     """
     place = str(path)
     try:
-        file = SweepFile.model_validate(_read_toml(path))
+        file = SweepFile.model_validate(read_toml(path, _MOST_BYTES))
     except ValidationError as error:
         raise InputError(f"{place}: {sentence(SweepFile, error)}") from None
     for name, values in file.vary.items():
@@ -181,20 +181,6 @@ class _Draft:
     names: Mapping[str, Any]
     options: Mapping[str, Any]
     skip: str = ""
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        with path.open("rb") as file:
-            data = file.read(_MOST_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from None
-    if len(data) > _MOST_BYTES:
-        raise InputError(f"{path}: the file is larger than {_MOST_BYTES} bytes, the most a sweep may have.")
-    try:
-        return tomllib.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a TOML file ({' '.join(str(error).split())}).") from None
 
 
 def _tables(file: SweepFile) -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -21,8 +21,9 @@ import safetensors
 import safetensors.torch
 from torch import Tensor
 
-from robosim.errors import InputError
+from robosim.errors import InputError, printable, shown
 from robosim.files import is_regular, write_whole
+from robosim.texts import read_limited
 
 FORMAT = "robosim-checkpoint-2"
 _CHECKPOINT = re.compile(r"\d{12}\.safetensors")
@@ -30,6 +31,12 @@ _PART = re.compile(r"experience-\d{4}-\d{12}-\d{12}\.zst")
 _BEFORE_DIGITS = b'{\\"sha256\\": \\"'
 """What stands before the digest: JSON in a string of the JSON that is safetensors' header."""
 _DIGITS = 64
+_MOST_HEADER = 100_000
+"""Bytes of a part that are no tensor."""
+_AT_ONCE = 2**24
+"""Bytes that are unpacked at once."""
+_LONGEST_NUMBER = 50
+"""Digits of a whole number in a header."""
 _KEPT = 2
 """Checkpoints kept: the latest, and the one before for the case that the latest is damaged."""
 
@@ -61,20 +68,35 @@ def write_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
 def write_part(folder: Path, name: str, tensors: Mapping[str, Tensor]) -> None:
     """Write a part of the experience, compressed; InputError when it cannot be written.
 
-    `name` is `experience-STAGE-FIRST-LAST.zst`, with 4, 12 and 12 digits.
+    `name` is as `part_name` makes it.
     """
     data = pa.compress(_sealed(tensors, {}), codec="zstd", asbytes=True)
     write_whole(folder / name, data, durable=True)
 
 
-def read_part(folder: Path, name: str) -> dict[str, Tensor]:
-    """Return a part of the experience; InputError when it is missing or damaged."""
+def part_name(stage: int, first: int, last: int) -> str:
+    """Return the name of the part that holds items `first` to `last - 1` of a stage's memory."""
+    return f"experience-{stage:04d}-{first:012d}-{last:012d}.zst"
+
+
+def read_part(folder: Path, name: str, most: int) -> dict[str, Tensor]:
+    """Return a part of the experience that takes at most so many bytes in memory.
+
+    InputError when it is missing or damaged, or takes more.
+    """
     path = folder / name
+    most += _MOST_HEADER
     with (
         _whole(path, "part of a checkpoint"),
         pa.CompressedInputStream(pa.OSFile(str(path)), "zstd") as stream,
     ):
-        data = stream.read()
+        pieces, held = [], 0
+        while piece := stream.read(_AT_ONCE):
+            held += len(piece)
+            if held > most:
+                raise ValueError(f"unpacked, it takes more than {most} bytes, the most that its run holds")
+            pieces.append(piece)
+        data = b"".join(pieces)
         _check_seal(data)
         return safetensors.torch.load(data)
 
@@ -97,11 +119,11 @@ def remove_checkpoints(folder: Path) -> None:
         folder.rmdir()
 
 
-def read_checkpoint(path: Path) -> Checkpoint:
-    """Read a checkpoint; InputError in one sentence when it is damaged."""
+def read_checkpoint(path: Path, most: int) -> Checkpoint:
+    """Read a checkpoint of at most `most` bytes; InputError in one sentence when it is damaged, or larger."""
     header = _read_header(path)
     with _whole(path, "checkpoint"):
-        data = path.read_bytes()
+        data = read_limited(path, most)
         _check_seal(data)
         tensors = safetensors.torch.load(data)
         return Checkpoint(int(header["step"]), tensors, dict(header["facts"]), tuple(header["parts"]))
@@ -111,10 +133,17 @@ def _read_header(path: Path) -> dict[str, Any]:
     """Return what of a checkpoint is no tensor, without reading the rest; errors as in `read_checkpoint`."""
     # `safe_open` also finds a file that is longer or shorter than its tensors.
     with _whole(path, "checkpoint"), safetensors.safe_open(path, "numpy") as file:
-        header: dict[str, Any] = json.loads(file.metadata()["robosim"])
+        header: dict[str, Any] = json.loads(file.metadata()["robosim"], parse_int=_whole_number)
         if header["format"] != FORMAT:
-            raise InputError(f"{path}: its format is {header['format']!r}: this robosim reads {FORMAT}.")
+            raise InputError(f"{path}: its format is {shown(header['format'])}: this robosim reads {FORMAT}.")
     return header
+
+
+def _whole_number(digits: str) -> int:
+    # Enough for the states of generators; those too long for Python are an error of its own.
+    if len(digits) > _LONGEST_NUMBER:
+        raise ValueError(f"a number of {len(digits)} digits")
+    return int(digits)
 
 
 def _sealed(tensors: Mapping[str, Tensor], header: Mapping[str, Any]) -> bytes:
@@ -146,14 +175,15 @@ def _whole(path: Path, what: str) -> Iterator[None]:
         yield
     except InputError:
         raise
-    except (OSError, safetensors.SafetensorError, KeyError, TypeError, ValueError) as error:
+    except (OSError, safetensors.SafetensorError, LookupError, TypeError, ValueError, ArithmeticError,
+            AttributeError, RuntimeError) as error:  # fmt: skip
         raise InputError(f"{path}: not a whole {what} ({_reason(error)}).") from None
 
 
 def _reason(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
-    return " ".join(str(error).split())[:200] or type(error).__name__
+    return printable(" ".join(str(error).split()), 200) or type(error).__name__
 
 
 def _written(folder: Path) -> list[Path]:

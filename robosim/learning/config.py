@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
@@ -16,7 +15,7 @@ from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from robosim.arena import arena_names, load_arena
 from robosim.control.policy import policy_names
-from robosim.envs.config import EnvConfig, with_profile
+from robosim.envs.config import MOST_CONFIG, EnvConfig, with_profile
 from robosim.envs.profile import LONGEST_PROFILE, profile_text
 from robosim.envs.variety import VarietyConfig
 from robosim.errors import InputError, nearest_names, shown
@@ -25,6 +24,7 @@ from robosim.learning.algorithms.protocol import AlgorithmConfig
 from robosim.learning.algorithms.registry import algorithm_names, find_algorithm
 from robosim.learning.technique import find_technique
 from robosim.records import Record
+from robosim.texts import read_toml
 
 DEFAULT_TECHNIQUE = "ps-dqn"
 EVALUATION_SEED = 2
@@ -195,13 +195,7 @@ def read_config(path: Path) -> RunConfig:
 
     InputError in one sentence for a file that cannot be read, is not TOML, or holds a wrong value.
     """
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}.") from error
-    except (ValueError, RecursionError) as error:
-        # Besides wrong syntax: bytes that are no text, numbers and nesting beyond what Python reads.
-        raise InputError(f"{path}: not a TOML file ({error}).") from error
+    tables = read_toml(path, MOST_CONFIG)
     for name, table in tables.items():
         if name not in RunConfig.model_fields:
             raise InputError(

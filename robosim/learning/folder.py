@@ -11,15 +11,17 @@ import json
 import re
 import stat
 import tempfile
-import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from robosim.control.card import Evaluation
+from pydantic import Field, TypeAdapter
+
+from robosim.control.card import MOST, MOST_BYTES, Count, Evaluation, read_evaluation
 from robosim.control.policy import CARD_FILE, RUN_POLICY, RUN_RECORD, WEIGHTS_FILE
-from robosim.errors import InputError, shown
+from robosim.envs.config import MOST_CONFIG
+from robosim.errors import InputError, printable, shown
 from robosim.files import (
     digests,
     is_regular,
@@ -31,6 +33,7 @@ from robosim.files import (
 )
 from robosim.learning.checkpoint import is_checkpoint_file, remove_checkpoints
 from robosim.learning.config import RunConfig, read_config, write_config
+from robosim.texts import parse_json, read_limited, read_text, read_toml
 
 CONFIG_FILE = "config.toml"
 METRICS_FILE = "metrics.parquet"
@@ -41,6 +44,8 @@ CHECKPOINTS = "checkpoints"
 RECORDINGS = "recordings"
 CURVES = "tensorboard"
 
+_LONGEST_COMMAND = 2000
+"""Bytes of the command that began a run; a card takes no longer one."""
 _FILES = (CONFIG_FILE, COMMAND_FILE, METRICS_FILE, EVALUATION_FILE, FINISHED_FILE)
 _FOLDERS = (CHECKPOINTS, RECORDINGS, CURVES, RUN_POLICY)
 _RECORDING = re.compile(r"\d{12}\.rrd")
@@ -52,12 +57,15 @@ _POLICY_SCRATCH = re.compile(rf"\.{RUN_POLICY}-[a-z0-9_]{{8}}")
 class Finished:
     """The last record of a run."""
 
-    steps: int
+    steps: Count
     """Joint decisions."""
-    wall_time: float
+    wall_time: Annotated[float, Field(ge=0, le=MOST)]
     """Time spent learning, all parts of an interrupted run together, s."""
     files: Mapping[str, str] = field(default_factory=dict)
     """SHA-256 of the other files of the run, by their paths in its folder."""
+
+
+_FINISHED = TypeAdapter(Finished)
 
 
 class RunFolder:
@@ -140,14 +148,15 @@ class RunFolder:
     def command(self) -> str:
         """Return the command that began the run; empty where it is not known."""
         try:
-            return (self.path / COMMAND_FILE).read_text(encoding="utf-8").strip()
-        except (OSError, UnicodeDecodeError):
+            text = read_text(self.path / COMMAND_FILE, _LONGEST_COMMAND).strip()
+        except InputError:
             return ""
+        return text if text.isprintable() else ""
 
     def evaluation(self) -> Evaluation | None:
         """Return the evaluation of the finished team, if any."""
         path = self.path / EVALUATION_FILE
-        return Evaluation.model_validate_json(path.read_text(encoding="utf-8")) if path.exists() else None
+        return read_evaluation(path) if path.exists() else None
 
     def write_evaluation(self, evaluation: Evaluation) -> None:
         write_whole(self.path / EVALUATION_FILE, evaluation.model_dump_json(indent=2) + "\n")
@@ -159,15 +168,16 @@ class RunFolder:
         """
         path = self.path / FINISHED_FILE
         try:
-            finished = Finished(**json.loads(path.read_bytes()))
-            require_unchanged(self.path, finished.files)
-            return finished
+            if not path.exists():
+                return None
+            finished = _FINISHED.validate_python(parse_json(read_limited(path, MOST_BYTES)), strict=True)
         except InputError:
             raise
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError, TypeError, AttributeError) as error:
-            raise InputError(f"{path}: not the last record of a run ({error}).") from None
+        except (OSError, ValueError) as error:
+            reason = printable(str(error), 200)
+            raise InputError(f"{path}: not the last record of a run ({reason}).") from None
+        require_unchanged(self.path, finished.files)
+        return finished
 
     def finish(self, steps: int, wall_time: float) -> None:
         """Write the last record, once all else is on the disk, and remove what only a resume needs."""
@@ -248,7 +258,7 @@ def _remove_empty(folder: Path) -> None:
 
 
 def _table(path: Path) -> dict[str, Any]:
-    return tomllib.loads(path.read_text(encoding="utf-8"))
+    return read_toml(path, MOST_CONFIG)
 
 
 def _missing(table: Mapping[str, Any], whole: Mapping[str, Any]) -> str:

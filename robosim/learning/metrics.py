@@ -13,7 +13,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from robosim.files import whole_file
+from robosim.errors import InputError
+from robosim.files import is_regular, whole_file
+
+_MOST_BYTES = 300_000_000
+"""Of the metrics of a run, unpacked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +167,17 @@ def write_metrics(rows: Sequence[Metrics], path: Path) -> None:
 
 
 def read_metrics(path: Path) -> list[Metrics]:
-    """Read back what `write_metrics` wrote; a row has the figures that it had."""
+    """Read back what `write_metrics` wrote; a row has the figures that it had.
+
+    InputError for a file that holds too much, TypeError for one that holds a run's figures by other names.
+    """
     rows = []
+    if not is_regular(path):
+        raise InputError(f"{path}: not a regular file.")
+    held = pq.read_metadata(path)
+    unpacked = sum(held.row_group(group).total_byte_size for group in range(held.num_row_groups))
+    if max(unpacked, 8 * held.num_rows * held.num_columns) > _MOST_BYTES:
+        raise InputError(f"{path}: holds more than {_MOST_BYTES} bytes, too large for the metrics of a run.")
     for record in pq.read_table(path).to_pylist():
         fixed = {name: record.pop(name) for name in FIXED}
         rows.append(Metrics(**fixed, figures={n: value for n, value in record.items() if value is not None}))

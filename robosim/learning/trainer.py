@@ -101,14 +101,14 @@ def _latest(config: RunConfig, checkpoints: Path, warn: Warn) -> tuple[Training,
     for path in paths:
         training = Training(config)
         try:
-            checkpoint = read_checkpoint(path)
-            training.restore(checkpoint, checkpoints)
+            checkpoint = read_checkpoint(path, training.most_bytes())
+            wall_time = training.restore(checkpoint, checkpoints)
         except InputError as error:
             problems.append(str(error))
             continue
         for problem in problems:
             warn(f"{problem} Going on from the checkpoint before, at decision {checkpoint.step}.")
-        return training, float(checkpoint.facts.get("wall_time", 0.0))
+        return training, wall_time
     if problems:
         raise InputError("\n".join(problems))
     return Training(config), 0.0

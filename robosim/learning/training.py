@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
+from pydantic import Field, TypeAdapter
 
-from robosim.control.card import StageCard
+from robosim.control.card import MOST, StageCard
 from robosim.control.learned import check_fit
 from robosim.control.network import NetworkSpec
 from robosim.control.policy import Policy, load_policy
 from robosim.envs.mixed import MixedVectorEnv
 from robosim.envs.vector import Snapshot, VectorEnv
 from robosim.envs.workers import WorkerVectorEnv, vector_env
-from robosim.errors import InputError, shown
+from robosim.errors import InputError, printable, shown, whole_number
 from robosim.learning.actors import FrozenTeam, expanded, joined, robots_of
 from robosim.learning.algorithms.protocol import Actors, AlgorithmConfig, LargeMemory, Task
-from robosim.learning.checkpoint import Checkpoint, read_part, write_checkpoint, write_part
+from robosim.learning.checkpoint import Checkpoint, part_name, read_part, write_checkpoint, write_part
 from robosim.learning.config import RunConfig, child_seed
 from robosim.learning.curriculum import Ending, Stage, is_steady, plan_stages, stage_budget
 from robosim.learning.loop import StageLoop
 from robosim.learning.metrics import Metrics, MetricsLog, Sums
+
+_LONGEST_ROLLOUT = 10_000
+"""Decisions that an algorithm keeps from one update to the next, at most."""
+_MOST_FACTS = 2**26
+"""Bytes of a checkpoint that are no tensor."""
+_WALL_TIME = TypeAdapter(Annotated[float, Field(ge=0, le=MOST)])
+_ROWS = TypeAdapter(list[Metrics])
+_SUMS = TypeAdapter(Sums)
 
 TrainingEnv = VectorEnv | WorkerVectorEnv | MixedVectorEnv
 
@@ -175,45 +184,81 @@ class Training:
         saved = [part for part in self._saved if part[1] > oldest]
         first = max(saved[-1][1] if saved else 0, oldest)
         if first < end:
-            name = f"experience-{number:04d}-{first:012d}-{end:012d}.zst"
+            name = part_name(number, first, end)
             write_part(folder, name, self.algorithm.export(first, end))
             saved.append((first, end, name))
         self._saved = saved
 
-    def restore(self, checkpoint: Checkpoint, folder: Path) -> None:
-        """Go back to a checkpoint that a run of the same configuration wrote.
+    def most_bytes(self) -> int:
+        """Return what a checkpoint of this run may take at most, with room to spare."""
+        env = self.env
+        robots = env.num_envs * env.robots
+        own = sum(tensor.nbytes for tensor in self.loop.state().tensors.values())
+        rollout = _LONGEST_ROLLOUT * robots * (12 * env.layout.size + 64)
+        # Later stages may have as many networks as robots.
+        return _MOST_FACTS + rollout + env.episode_steps * robots + 8 * own * self.config.env.robots
+
+    def restore(self, checkpoint: Checkpoint, folder: Path) -> float:
+        """Go back to a checkpoint that a run of the same configuration wrote; returns its wall time, s.
 
         InputError when it, or a part of its experience in `folder`, is damaged or of another run.
         """
         try:
+            wall_time = _WALL_TIME.validate_python(checkpoint.facts.get("wall_time", 0.0), strict=True)
             self._restore(checkpoint.tensors, checkpoint.facts, folder)
+            if not self.finished and self.step + self.loop.step != checkpoint.step:
+                raise ValueError(f"step is {shown(checkpoint.step)}, and not what its stages add up to")
         except InputError:
             raise
-        except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise InputError(f"the checkpoint is not one of this run ({error!r}).") from error
+        except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RuntimeError) as error:
+            reason = printable(f"{type(error).__name__}: {error}", 200)
+            raise InputError(f"the checkpoint is not one of this run ({reason}).") from error
         self.step = checkpoint.step
+        return wall_time
 
     def _restore(self, tensors: Mapping[str, torch.Tensor], facts: Mapping[str, Any], folder: Path) -> None:
         if facts["config"] != self.config.fingerprint:
             raise InputError("the checkpoint is of a run with another configuration.")
         self.ended = [StageCard.model_validate(stage) for stage in facts["ended"]]
+        if [stage.name for stage in self.ended] != [stage.name for stage in self.stages[: len(self.ended)]]:
+            raise ValueError("its stages are not those of the run")
         if "team" in facts:
             prefix = "team."
             team = {n.removeprefix(prefix): t.numpy() for n, t in tensors.items() if n.startswith(prefix)}
             self._team = Actors(NetworkSpec.model_validate(facts["team"]), team)
-        self.log.rows[:] = [Metrics(**row) for row in facts["rows"]]
+        self.log.rows[:] = _ROWS.validate_python(facts["rows"], strict=True)
+        sums = _SUMS.validate_python(facts["sums"], strict=True)
+        for counted in (asdict(sums), *map(asdict, self.log.rows)):
+            numbers = [number for number in counted.values() if isinstance(number, int)]
+            if not all(0 <= number <= MOST for number in numbers):
+                raise ValueError("its figures are not those of a run")
         if not self.finished:
             # The stage began when the run had taken this many decisions; its budget depends on that.
             self.step = sum(stage.steps for stage in self.ended)
             self._begin(len(self.ended))
             seeds, episode = tuple(map(int, facts["seeds"])), int(facts["episode"])
-            snapshot = Snapshot(seeds, episode, tensors["actions"].numpy())
+            actions, step = tensors["actions"].numpy(), facts["loop"]["step"]
+            # Before the episode is run again, which takes as long as it lasts.
+            if not len(actions) * self.env.joint_decisions <= whole_number("step", step, 0, self.loop.budget):
+                raise ValueError("it holds more actions than decisions")
+            snapshot = Snapshot(seeds, episode, actions)
             self.loop.restore(tensors, facts["loop"], self.env.restore(snapshot))
-            self._saved = [(int(first), int(last), str(name)) for first, last, name in facts["memory"]]
+            self._saved = self._parts(facts["memory"])
             if self._saved and isinstance(self.algorithm, LargeMemory):
-                parts = (read_part(folder, name) for _, _, name in self._saved)
+                most = self.algorithm.most_bytes()
+                parts = (read_part(folder, name, most) for _, _, name in self._saved)
                 self.algorithm.recall(self._saved[0][0], parts)
-        self.log.sums = Sums(**facts["sums"])
+        self.log.sums = sums
+
+    def _parts(self, listed: Sequence[Sequence[Any]]) -> list[tuple[int, int, str]]:
+        """Return the parts of the memory that a checkpoint lists; ValueError where one does not follow."""
+        parts: list[tuple[int, int, str]] = []
+        for first, last, name in listed:
+            after = parts[-1][1] if parts else first
+            if not 0 <= after == first < last or name != part_name(len(self.ended), first, last):
+                raise ValueError(f"{shown(name)} is not the next part of its experience")
+            parts.append((first, last, name))
+        return parts
 
 
 def starting_team(config: RunConfig, policy: Policy) -> tuple[AlgorithmConfig, Actors]:

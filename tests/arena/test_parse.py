@@ -258,7 +258,7 @@ def test_a_big_map_is_refused() -> None:
 )
 def test_what_is_not_toml_is_refused(text: str) -> None:
     (sentence,) = refusal(text)
-    assert sentence.startswith("a.toml: this is not TOML: ")
+    assert sentence.startswith("a.toml: not a TOML file (")
 
 
 def test_windows_line_ends_make_no_difference() -> None:

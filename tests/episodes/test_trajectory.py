@@ -223,7 +223,7 @@ def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path: Path, name, se
 def test_what_cannot_be_run_again_is_one_sentence() -> None:
     with pytest.raises(InputError, match="^trajectory: it holds no decisions.$"):
         list(replay(trajectory(chosen=np.zeros((0, 2), dtype=np.uint8))))
-    with pytest.raises(InputError, match="^trajectory: this is not TOML"):
+    with pytest.raises(InputError, match="^trajectory: not a TOML file"):
         list(replay(trajectory(config=CONFIG.changed(arena="="))))
     many = trajectory(config=CONFIG.changed(robots=99), chosen=np.zeros((1, 99), dtype=np.uint8))
     with pytest.raises(
@@ -231,7 +231,7 @@ def test_what_cannot_be_run_again_is_one_sentence() -> None:
     ):
         list(replay(many))
     # A stranger's file must not name a file of this machine: its arena is a text, never a path.
-    with pytest.raises(InputError, match="^trajectory: this is not TOML"):
+    with pytest.raises(InputError, match="^trajectory: not a TOML file"):
         list(replay(trajectory(config=CONFIG.changed(arena="arenas/paper.toml"))))
     with pytest.raises(InputError, match=r"^run\.npz: it holds no decisions.$"):
         list(replay(trajectory(chosen=np.zeros((0, 2), dtype=np.uint8)), "run.npz"))

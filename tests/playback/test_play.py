@@ -215,7 +215,7 @@ def _changed(source, target, **changes):
         (_truncated, "is no trajectory (File is not a zip file)."),
         (_damaged, "is no trajectory ("),
         (_foreign, "is no trajectory; it lacks format."),
-        (_another_arena, "this is not TOML"),
+        (_another_arena, "not a TOML file"),
         (_too_many_robots, "robots is 99, but must be a whole number from 1 to 35"),
         (_empty, "it holds no decisions."),
         (_fast_pheromone, "config: pheromone.decay is 3.0, but must be a number from 1e-06 to 1."),

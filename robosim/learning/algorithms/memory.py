@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from robosim.errors import InputError
+from robosim.control.card import MOST
+from robosim.errors import InputError, whole_number
 from robosim.learning.algorithms.dqn.replay import Batch, Replay
 from robosim.learning.algorithms.dqn.returns import MultiStepReturns
 from robosim.learning.algorithms.protocol import Experience, State, Task
@@ -27,6 +28,9 @@ class ReplayMemory:
 
     def export(self, first: int, last: int) -> dict[str, Tensor]:
         return self.replay.export(first, last)
+
+    def most_bytes(self) -> int:
+        return self.replay.most_bytes
 
     def recall(self, first: int, parts: Iterable[Mapping[str, Tensor]]) -> None:
         self.replay.restore(first, parts)
@@ -72,7 +76,8 @@ class JointReplay(ReplayMemory):
     def restore(self, state: State) -> None:
         tensors, facts = state
         self._returns.restore({name: tensor.numpy() for name, tensor in part(tensors, "open.").items()})
-        self._decisions, self.updates = int(facts["decisions"]), int(facts["updates"])
+        self._decisions = decisions_taken(facts["decisions"], self.task)
+        self.updates = whole_number("updates", facts["updates"], 0, MOST)
         self._choose.bit_generator.state = facts["choose"]
         self._draw.bit_generator.state = facts["draw"]
 
@@ -85,6 +90,14 @@ class JointReplay(ReplayMemory):
         self.replay.sample(self._draw, self._batch, together=True)
         self.updates += 1
         return self._batch
+
+
+def decisions_taken(number: object, task: Task) -> int:
+    """Return how many joint decisions a checkpoint says were observed; InputError for more than there are.
+
+    So many updates are due, which would be made up for without end.
+    """
+    return whole_number("decisions", number, 0, task.decisions + task.num_envs)
 
 
 @contextmanager

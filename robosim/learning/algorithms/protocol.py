@@ -145,6 +145,10 @@ class LargeMemory(Protocol):
         """Return copies, on the CPU, of items number `first` to `last - 1`."""
         ...
 
+    def most_bytes(self) -> int:
+        """Return the most bytes that `export` may return: no part that claims more is read."""
+        ...
+
     def recall(self, first: int, parts: Iterable[Mapping[str, Tensor]]) -> None:
         """Take back what `export` returned: items from number `first` on, in parts one after another.
 

@@ -12,7 +12,7 @@ from robosim.errors import InputError, shown
 from robosim.learning.algorithms.dqn.config import DqnConfig
 from robosim.learning.algorithms.dqn.learner import DqnSettings, StackedDoubleDQN
 from robosim.learning.algorithms.dqn.returns import MultiStepReturns, Transitions
-from robosim.learning.algorithms.memory import ReplayMemory, enough_memory
+from robosim.learning.algorithms.memory import ReplayMemory, decisions_taken, enough_memory
 from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
 from robosim.learning.algorithms.stacked import part, prefixed
 from robosim.learning.networks import NetworkShape
@@ -82,7 +82,7 @@ class DoubleDqn(ReplayMemory):
         tensors, facts = state
         self.learner.restore(part(tensors, "learner."), facts["learner"])
         self._returns.restore({name: tensor.numpy() for name, tensor in part(tensors, "open.").items()})
-        self._decisions = int(facts["decisions"])
+        self._decisions = decisions_taken(facts["decisions"], self.task)
 
 
 def make_learner(config: DqnConfig, task: Task, seed: np.random.SeedSequence) -> StackedDoubleDQN:

@@ -11,8 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from robosim.control.card import MOST
 from robosim.discretise.observation import MoveGains, blocked_moves
-from robosim.errors import InputError
+from robosim.errors import InputError, whole_number
 from robosim.learning.algorithms.dqn.replay import Batch, Replay
 from robosim.learning.algorithms.values import epsilon_greedy
 from robosim.learning.computing import denormals_flushed, find_device
@@ -185,7 +186,7 @@ class StackedDoubleDQN:
         self._adam_step.copy_(state["step"])
         self._error.copy_(state["error"])
         try:
-            self.updates = int(counters["updates"])
+            self.updates = whole_number("updates", counters["updates"], 0, MOST)
             self._explore.bit_generator.state = counters["explore"]
             self._draw.bit_generator.state = counters["draw"]
         except (KeyError, TypeError, ValueError) as error:

@@ -125,6 +125,13 @@ class Replay:
             "continues": numbers[..., 2].contiguous(),
         }
 
+    @property
+    def most_bytes(self) -> int:
+        """The size of what `export` returns of a full replay."""
+        robots, capacity = self._numbers.shape[:2]
+        # Actions are whole numbers there.
+        return self._pairs.nbytes + self._numbers.nbytes + 8 * robots * capacity
+
     def restore(self, first: int, parts: Iterable[Mapping[str, Tensor]]) -> None:
         """Take back what `export` returned: transitions number `first` and on, in parts one after another.
 

@@ -1,0 +1,124 @@
+"""Files from strangers, read within bounds: regular files of a limited size, and TOML and JSON in them."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from robosim.errors import InputError, printable
+
+DEEPEST = 20
+"""Tables and lists within each other, and keys with dots between them."""
+LONGEST_WORD = 100
+"""Characters of a number or of a key without quotes."""
+
+_QUOTED = re.compile(
+    r'"""(?:[^\\]|\\.)*?(?:"{3,5}|\\?\Z)'
+    r"|'''.*?(?:'{3,5}|\Z)"
+    r'|"(?:[^"\\\n]|\\.)*"?'
+    r"|'[^'\n]*'?"
+    r"|(?P<comment>#[^\n]*)",
+    re.DOTALL,
+)
+"""Texts and comments of TOML; what is not closed goes on to where TOML gives up."""
+_LONG_WORD = re.compile(rf"[\w+-]{{{LONGEST_WORD + 1}}}")
+_DOTTED = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{DEEPEST}}}")
+_BRACKETS = re.compile(r"[\[\]{}]")
+
+
+def read_limited(path: Path, most: int) -> bytes:
+    """Return the bytes of a regular file of at most `most` bytes; InputError otherwise.
+
+    A pipe in its place is not waited for, and nothing of a file that is too large is read.
+    """
+    try:
+        # Looked at once it is open: another may take its place before.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
+        with open(handle, "rb") as file:  # noqa: PTH123  a handle is no path
+            state = os.fstat(handle)
+            if stat.S_ISDIR(state.st_mode):
+                raise IsADirectoryError
+            if not stat.S_ISREG(state.st_mode):
+                raise InputError(f"{path}: not a regular file.")
+            # A file may grow while it is read.
+            data = b"" if state.st_size > most else file.read(most + 1)
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file.") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: this is a directory; a file is needed here.") from None
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(f"{path}: cannot be read: {reason}.") from None
+    if state.st_size > most or len(data) > most:
+        raise InputError(f"{path}: the file is larger than {most} bytes, the most it may have.")
+    return data
+
+
+def read_text(path: Path, most: int) -> str:
+    """Return the text of a regular file of at most `most` bytes of UTF-8; InputError otherwise."""
+    data = read_limited(path, most)
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8, as it must be.") from None
+
+
+def read_toml(path: Path, most: int) -> dict[str, Any]:
+    """Return the tables in a file of at most `most` bytes; InputError in one sentence if it is not TOML."""
+    return parse_toml(read_text(path, most), str(path))
+
+
+def parse_toml(text: str, place: str) -> dict[str, Any]:
+    """Return the tables in a text; InputError in one sentence, that begins with `place`, if it is not TOML.
+
+    Depth and lengths are looked at first: a key of a hundred thousand parts, within a file of a few hundred
+    kilobytes, would take gigabytes and minutes to read.
+    """
+    try:
+        _check_bounds(text)
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{place}: not a TOML file ({printable(str(error), 200)}).") from None
+
+
+def _check_bounds(text: str) -> None:
+    # What stands in quotes has no structure; a key of its own remains one.
+    bare = _QUOTED.sub(lambda found: "" if found["comment"] else "q", text.replace("\r\n", "\n"))
+    if long := _LONG_WORD.search(bare):
+        word = printable(long[0], 20)
+        raise ValueError(f"a number, or a key without quotes, of more than {LONGEST_WORD} characters: {word}")
+    if _DOTTED.search(bare):
+        raise ValueError(f"a key of more than {DEEPEST} parts")
+    depth = 0
+    for bracket in _BRACKETS.findall(bare):
+        depth += 1 if bracket in "[{" else -1
+        if depth > DEEPEST:
+            raise ValueError(f"tables and lists more than {DEEPEST} deep")
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return what a JSON text holds; ValueError if it is none, nested too deeply, or has a number too long.
+
+    Not a number and infinity are no JSON.
+    """
+    try:
+        return json.loads(text, parse_int=_whole, parse_constant=_constant)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > LONGEST_WORD:
+        raise ValueError(f"a number of more than {LONGEST_WORD} digits")
+    return int(digits)
+
+
+def _constant(name: str) -> Any:
+    raise ValueError(f"{name} is no JSON")
