@@ -6,6 +6,7 @@ Exit codes: 0 done, 2 wrong input (a sentence on stderr, no traceback), 130 inte
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import re
@@ -28,11 +29,14 @@ from robosim.cli.play import Play
 from robosim.cli.policy import Policy
 from robosim.cli.sweep import Sweep
 from robosim.cli.train import Train, train_command
-from robosim.errors import IncompleteError, InputError
+from robosim.errors import IncompleteError, InputError, nearest_names, printable
 
 DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play back.
 
 `--version` prints the version. `--debug` anywhere, or ROBOSIM_DEBUG=1, shows the traceback of a failure."""
+
+_NO_FILE = {errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EILSEQ}
+"""Of errors, what no path can be: where a path is only looked at, nobody else says it."""
 
 Subcommand = Demo | Arena | Train | Evaluate | Sweep | Compare | Play | Policy | Export | Deploy | Bench
 """A parsed command line, ready to run."""
@@ -44,6 +48,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     `--help` ends in SystemExit(0), raised by tyro.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # File names may hold bytes that are no text.
+            stream.reconfigure(errors="backslashreplace")
     debug = "--debug" in arguments or os.environ.get("ROBOSIM_DEBUG", "0") not in {"", "0"}
     arguments = [argument for argument in arguments if argument != "--debug"]
     if arguments[:1] == ["--version"]:
@@ -78,6 +86,9 @@ def exit_code(action: Callable[[], None], debug: bool) -> int:
     except Exception as error:
         if debug:
             raise
+        if isinstance(error, OSError) and error.errno in _NO_FILE:
+            _complain(_one_line(error))
+            return 2
         extra = missing_extra(error.name or "") if isinstance(error, ModuleNotFoundError) else None
         if extra is not None:
             _complain(extra)
@@ -89,6 +100,7 @@ def exit_code(action: Callable[[], None], debug: bool) -> int:
 
 def parse(arguments: Sequence[str]) -> Subcommand:
     """Parse a command line without running it; InputError for wrong usage, SystemExit(0) after help."""
+    arguments = _asked_for(arguments)
     complaint = io.StringIO()
     # Which options `train` has depends on its technique; they are looked up only where they are asked for.
     training = arguments[:1] == ["train"]
@@ -111,8 +123,24 @@ def parse(arguments: Sequence[str]) -> Subcommand:
     return parsed
 
 
+def _asked_for(arguments: Sequence[str]) -> Sequence[str]:
+    """Return what `help` asks for in the words of options; InputError for a command that there is not."""
+    first = arguments[0] if arguments else ""
+    if first == "help":
+        return [*arguments[1:], "--help"]
+    if first and not first.startswith("-") and first not in _commands(Train):
+        near = nearest_names(first, _commands(Train))
+        raise InputError(f"there is no command '{printable(first)}': {near}")
+    return arguments
+
+
 def _subcommands(train: type[Train]) -> Any:
-    named = {
+    named = _commands(train)
+    return Union[tuple(Annotated[command, tyro.conf.subcommand(name)] for name, command in named.items())]  # noqa: UP007
+
+
+def _commands(train: type[Train]) -> dict[str, Any]:
+    return {
         "demo": Demo,
         "arena": Arena,
         "train": train,
@@ -125,7 +153,6 @@ def _subcommands(train: type[Train]) -> Any:
         "deploy": Deploy,
         "bench": Bench,
     }
-    return Union[tuple(Annotated[command, tyro.conf.subcommand(name)] for name, command in named.items())]  # noqa: UP007
 
 
 def usage_sentence(box: str) -> str:
@@ -147,7 +174,7 @@ def _print_version() -> None:
 
 
 def _complain(sentence: str) -> None:
-    print(f"robosim: {sentence}", file=sys.stderr)
+    print(f"robosim: {printable(sentence, 1000)}", file=sys.stderr)
 
 
 def _one_line(error: Exception) -> str:

@@ -2,11 +2,12 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 import robosim
-from robosim.cli.main import exit_code
+from robosim.cli.main import exit_code, main
 from robosim.errors import InputError
 
 
@@ -42,6 +43,92 @@ def test_help_names_every_subcommand() -> None:
 
 def test_without_arguments_the_help_is_printed() -> None:
     assert run_robosim().stdout == run_robosim("--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "same"), [(["help"], ["--help"]), (["help", "arena"], ["arena", "--help"])]
+)
+def test_help_is_a_command_too(
+    arguments: list[str], same: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    texts = []
+    for given in (arguments, same):
+        with pytest.raises(SystemExit) as ending:
+            main(given)
+        assert ending.value.code == 0
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1] != ""
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("evalute", "there is no command 'evalute': did you mean evaluate?"),
+        ("fly\033[31m" + "y" * 500, f"there is no command 'fly?[31m{'y' * 68} ...': known names are arena,"),
+    ],
+)
+def test_a_command_that_there_is_not_is_offered_the_nearest(
+    name: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([name]) == 2
+    assert capsys.readouterr().err.startswith(f"robosim: {sentence}")
+
+
+def too_long(tmp_path: Path) -> str:
+    return "a" * 300
+
+
+def circle(tmp_path: Path) -> str:
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    return "circle"
+
+
+def pipe(tmp_path: Path) -> str:
+    os.mkfifo(tmp_path / "pipe")
+    return "pipe"
+
+
+def no_text(tmp_path: Path) -> str:
+    (tmp_path / os.fsdecode(b"\xff\x1b[31m")).write_text("")
+    return os.fsdecode(b"\xff\x1b[31m")
+
+
+def digits(tmp_path: Path) -> str:
+    return "9" * 5000
+
+
+@pytest.mark.parametrize("what", [too_long, circle, pipe, no_text, digits])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["arena", "show", "NAME.toml"],
+        ["policy", "show", "NAME"],
+        ["play", "NAME.npz"],
+        ["compare", "NAME"],
+        ["sweep", "NAME"],
+        ["train", "--resume", "NAME"],
+        ["train", "--arena", "NAME", "--steps", "10", "--out", "run"],
+        ["evaluate", "lanes", "--profile", "NAME"],
+        ["evaluate", "lanes", "--json", "NAME/x.json"],
+        ["evaluate", "lanes", "--report", "NAME/x"],
+        ["evaluate", "lanes", "--seed", "NAME"],
+        ["play", "lanes", "--save", "NAME/x.rrd"],
+    ],
+)
+def test_strange_names_are_a_printable_line_and_exit_2(
+    arguments: list[str],
+    what: Callable[[Path], str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    name = what(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert main([argument.replace("NAME", name) for argument in arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("robosim: ")
+    assert error.replace("\n", "").isprintable()
+    assert len(error) < 1500
 
 
 @pytest.mark.parametrize("arguments", [["fly"], ["arena", "list", "--wings", "2"], ["demo", "--wings"]])

@@ -30,7 +30,7 @@ def whole_folder(folder: Path, what: str = "report") -> Iterator[Path]:
     is left behind then.
     """
     try:
-        target = folder.resolve()
+        target = _resolved(folder)
         is_new = _is_new(folder, target, what)
         part = (target.parent if is_new else target) / f".{target.name}.{os.getpid()}.part"
         made = [above for above in part.parents if not above.exists()]
@@ -51,6 +51,13 @@ def whole_folder(folder: Path, what: str = "report") -> Iterator[Path]:
 
 class _NotNowError(Exception):
     """Ends the writing of a report before it begins."""
+
+
+def _resolved(folder: Path) -> Path:
+    try:
+        return folder.resolve()
+    except RuntimeError:  # Of Python before 3.13, for a link that leads to itself.
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from None
 
 
 def _is_new(folder: Path, target: Path, what: str) -> bool:
