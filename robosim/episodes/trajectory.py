@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import lzma
 import struct
@@ -18,9 +19,10 @@ from numpy.typing import NDArray
 
 from robosim.envs.config import EnvConfig
 from robosim.equality import EqualByValue
-from robosim.errors import InputError, shown
+from robosim.errors import InputError, name_or_path, printable, shown
 from robosim.files import require_writable, whole_file
 from robosim.robot.drivers import ACTION_NAMES
+from robosim.texts import parse_json, read_limited
 
 SUFFIX = ".npz"
 """What the name of a trajectory's file ends in."""
@@ -31,9 +33,23 @@ _FORMAT = 4
 _FIELDS = ("format", "config", "seed", "episode", "chosen", "policy")
 _DRAWN = "drawn"
 """The field that is there under a profile alone."""
-_LARGEST = 2**30
+_LARGEST = 2**28
+"""Bytes of the actions: three days of decisions of a hundred robots."""
+_LARGEST_FILE = 2**28
 _LONGEST_TEXT = 10_000_000
 """Bytes of the configuration, and of what was drawn; an arena's text takes up to a million characters."""
+_HEAD = 200
+"""Bytes of an array in a file that are not its numbers."""
+_MOST = {
+    "format": _HEAD,
+    "config": _HEAD + _LONGEST_TEXT,
+    "seed": _HEAD,
+    "episode": _HEAD,
+    "chosen": _HEAD + _LARGEST,
+    "policy": _HEAD + 4 * LONGEST_POLICY,
+    _DRAWN: _HEAD + _LONGEST_TEXT,
+}
+"""Bytes that a field takes at most, unpacked."""
 _DAMAGE = (
     ValueError,
     TypeError,
@@ -109,12 +125,14 @@ def require_place(path: str | Path) -> None:
 
 def load_trajectory(path: str | Path) -> Trajectory:
     """Read a trajectory; raises InputError for a file that is none, and runs no code from it."""
-    source = Path(path)
+    source = Path(name_or_path("trajectory", path))
+    # In memory: what is looked at is what is read.
+    packed = io.BytesIO(read_limited(source, _LARGEST_FILE))
     try:
-        with zipfile.ZipFile(source) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > _LARGEST:
-                raise InputError(f"{source}: holds more than {_LARGEST} bytes, too large for a trajectory.")
-        with np.load(source, allow_pickle=False) as file:
+        with zipfile.ZipFile(packed) as archive:
+            _check_members(source, archive)
+        packed.seek(0)
+        with np.load(packed, allow_pickle=False) as file:
             _require(source, ("format",), file.files)
             number = _whole(source, "format", np.asarray(file["format"]))
             if number != _FORMAT:
@@ -124,11 +142,21 @@ def load_trajectory(path: str | Path) -> Trajectory:
             values = {name: np.asarray(file[name]) for name in there}
     except InputError:
         raise
-    except OSError as error:
-        raise InputError(f"{source}: cannot be read ({error.strerror or error}).") from None
-    except _DAMAGE as error:
+    except (OSError, *_DAMAGE) as error:
         raise InputError(f"{source}: is no trajectory ({_one_line(error)}).") from None
     return _checked(source, values)
+
+
+def _check_members(source: Path, archive: zipfile.ZipFile) -> None:
+    """Raise InputError for members that unpack to more than a trajectory holds."""
+    for entry in archive.infolist():
+        name = entry.filename.removesuffix(".npy")
+        # What is no field is not unpacked, and zipfile stops where a member is longer than it says.
+        if entry.file_size > _MOST.get(name, entry.file_size):
+            raise InputError(
+                f"{source}: is no trajectory; {name} takes {entry.file_size} bytes, but may take at most "
+                f"{_MOST[name]}."
+            )
 
 
 def _require(source: Path, names: tuple[str, ...], there: list[str]) -> None:
@@ -165,8 +193,8 @@ def _table(source: Path, name: str, values: _Values) -> dict[str, Any]:
         raise _refused(source, name, found, f"at most {_LONGEST_TEXT} bytes of a text")
     text = _text(source, name, values)
     try:
-        table = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        table = parse_json(text)
+    except ValueError as error:
         raise InputError(f"{source}: {name} is not JSON ({_one_line(error)}).") from None
     if not isinstance(table, dict):
         raise _refused(source, name, shown(table), "a table")
@@ -224,5 +252,4 @@ def _described(value: NDArray[np.generic]) -> str:
 
 
 def _one_line(error: BaseException) -> str:
-    text = " ".join(str(error).split()) or type(error).__name__
-    return "".join(character if character.isprintable() else "?" for character in text)
+    return printable(" ".join(str(error).split()) or type(error).__name__, 200)

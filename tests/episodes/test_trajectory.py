@@ -1,5 +1,7 @@
 """A recorded trajectory is seed and actions; run again it gives the same bits."""
 
+import os
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -323,7 +325,7 @@ def test_a_wrong_file_is_one_sentence(tmp_path: Path, changes, sentence) -> None
 
 
 def test_no_file_and_a_file_of_something_else_are_one_sentence_and_run_no_code(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.npz: cannot be read \(No such file or directory\)\.$"):
+    with pytest.raises(InputError, match=r"none\.npz: there is no such file\.$"):
         load_trajectory(tmp_path / "none.npz")
     for name, content in [("text", b"hello"), ("empty", b""), ("cut", b"PK\x03\x04")]:
         (tmp_path / name).write_bytes(content)
@@ -427,5 +429,32 @@ def test_a_file_that_claims_to_unpack_to_more_than_fits_is_refused_unread(tmp_pa
     entry = content.index(b"PK\x01\x02")
     content[entry + 24 : entry + 28] = (2**31 - 1).to_bytes(4, "little")
     path.write_bytes(content)
-    with pytest.raises(InputError, match="too large for a trajectory"):
+    with pytest.raises(InputError, match=r"format takes 2147483647 bytes, but may take at most 200\.$"):
         load_trajectory(path)
+
+
+@pytest.mark.parametrize(
+    ("field", "size", "most"), [("policy", 20_000, 16_584), ("config", 2**24, 10_000_200), ("seed", 201, 200)]
+)
+def test_fields_that_unpack_to_more_than_they_can_hold_are_not_unpacked(tmp_path, field, size, most) -> None:
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(f"{field}.npy", bytes(size))
+    sentence = f"{path}: is no trajectory; {field} takes {size} bytes, but may take at most {most}."
+    with pytest.raises(InputError) as caught:
+        load_trajectory(path)
+    assert str(caught.value) == sentence
+
+
+def test_a_pipe_in_the_place_of_a_trajectory_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "run.npz")
+    with pytest.raises(InputError, match=r"run\.npz: not a regular file\.$"):
+        load_trajectory(tmp_path / "run.npz")
+
+
+def test_a_trajectory_is_what_was_saved(tmp_path: Path) -> None:
+    saved = trajectory()
+    saved.save(tmp_path / "run.npz")
+    loaded = load_trajectory(tmp_path / "run.npz")
+    assert loaded == load_trajectory(tmp_path / "run.npz") == saved
+    assert loaded != trajectory(chosen=loaded.chosen[:-1])
