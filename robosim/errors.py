@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 from collections.abc import Iterable
 
 import numpy as np
@@ -70,6 +71,14 @@ def shown(value: object) -> str:
 def refused(place: str, value: object, allowed: str) -> InputError:
     """Return the error for a value: one sentence that names the place, the value and what is allowed."""
     return InputError(f"{place} is {shown(value)}, but must be {allowed}.")
+
+
+def name_or_path(place: str, value: object) -> str:
+    """Return the text of a name or a path; InputError for what is neither."""
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(text, str):
+        raise refused(place, value, "a name or a path")
+    return text
 
 
 def whole_number(place: str, value: object, low: int, high: int) -> int:

@@ -21,6 +21,8 @@ MOST_CELLS = 200
 """In a row or a column of the map."""
 MOST_SUBSTEPS = 5000
 """In a decision."""
+MOST_WORK = 1_000_000
+"""Substeps of a decision times bodies: so many take up to half a second where all are in motion."""
 MOST_TURN = 0.25
 """Of a robot in a substep, rad."""
 _GOAL_NAMES = {Zone.HOME: "home", Zone.SOURCE: "the source", Zone.HANDOVER: "the hand-over"}
@@ -129,7 +131,7 @@ def robot_mistakes(robot: RobotSheet, place: str) -> Iterator[str]:
         yield f"{place}.width is {robot.width}, but must be at most {place}.length ({robot.length})."
 
 
-def timing_mistakes(timing: Timing) -> Iterator[str]:
+def timing_mistakes(timing: Timing, pellets: PelletSheet) -> Iterator[str]:
     """Check that periods divide and that a decision does not cost too many substeps."""
     ratio = timing.decision_period / timing.control_period
     if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6 * ratio:
@@ -142,6 +144,12 @@ def timing_mistakes(timing: Timing) -> Iterator[str]:
             f"timing.substeps is {timing.substeps}, but may be at most "
             f"{MOST_SUBSTEPS // timing.control_steps}: "
             f"a decision may have at most {MOST_SUBSTEPS} substeps."
+        )
+    elif timing.control_steps * timing.substeps * pellets.count > MOST_WORK:
+        yield (
+            f"pellets.count is {pellets.count}, but may be at most "
+            f"{MOST_WORK // (timing.control_steps * timing.substeps)} where a decision has "
+            f"{timing.control_steps * timing.substeps} substeps: it would take too long."
         )
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from functools import lru_cache
 from pathlib import Path
 
 from robosim.arena.model import Arena
 from robosim.arena.parse import parse_arena
 from robosim.arena.shipped import shipped_folder, shipped_names
-from robosim.errors import InputError, nearest_names, shown
+from robosim.errors import InputError, nearest_names, printable
+from robosim.errors import name_or_path as text_of
 from robosim.texts import read_text
 
 _MOST_BYTES = 1_000_000
@@ -40,13 +40,13 @@ def _parsed(text: str) -> Arena:
 
 
 def _find(name_or_path: str | Path) -> Path:
-    text = os.fspath(name_or_path)
+    text = text_of("arena", name_or_path)
     names = arena_names()
     if text in names:
         return shipped_folder("arenas") / f"{text}.toml"
     path = Path(text)
     if isinstance(name_or_path, str) and path.name == text and path.suffix != ".toml" and not _exists(path):
-        raise InputError(f"No arena is named {shown(text)}: {nearest_names(text, names)}")
+        raise InputError(f"No arena is named '{printable(text)}': {nearest_names(text, names)}")
     return path
 
 

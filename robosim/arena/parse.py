@@ -153,7 +153,7 @@ def _sheet_mistakes(sheets: _Sheets) -> list[str]:
     return [
         *checks.group_mistakes(sheets.groups),
         *of_robots,
-        *checks.timing_mistakes(sheets.timing),
+        *checks.timing_mistakes(sheets.timing, sheets.pellets),
         *checks.randomisation_mistakes(sheets.randomisation),
         *of_substeps,
     ]

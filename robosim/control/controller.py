@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -14,6 +13,7 @@ from robosim.control.lanes import LanesController
 from robosim.control.learned import LearnedController
 from robosim.control.policy import find_policy, read_policy
 from robosim.control.protocols import ActiveController, LorenzController, ReversalController
+from robosim.errors import name_or_path as text_of
 
 if TYPE_CHECKING:
     from robosim.envs.vector import VectorEnv
@@ -70,7 +70,7 @@ def make_controller(name_or_path: str | Path) -> Controller:
 
     InputError for a name that nobody knows, with the nearest ones, and for an unsound policy.
     """
-    text = os.fspath(name_or_path)
+    text = text_of("controller", name_or_path)
     if text in SCRIPTED:
         return SCRIPTED[text]()
     return LearnedController(read_policy(find_policy(name_or_path, SCRIPTED)), text)

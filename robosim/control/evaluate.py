@@ -8,10 +8,15 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from robosim.control.card import Evaluation
+from robosim.errors import whole_number
 
 if TYPE_CHECKING:
     from robosim.control.controller import Controller
     from robosim.envs.vector import VectorEnv
+
+
+MOST_EPISODES = 10_000
+"""Of an evaluation."""
 
 
 class Watch(Protocol):
@@ -36,8 +41,10 @@ def evaluate(
     """Run `episodes` whole episodes and return what the team delivered in each.
 
     They run `env.num_envs` at a time; surplus ones of the last round are left out. Equal arguments give
-    equal results. InputError from the controller when it does not fit the environment.
+    equal results. InputError for a number of episodes out of range, and from the controller when it does not
+    fit the environment.
     """
+    whole_number("episodes", episodes, 1, MOST_EPISODES)
     delivered: list[tuple[int, ...]] = []
     handed_over: list[tuple[int, ...]] = []
     collisions: list[int] = []

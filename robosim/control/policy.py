@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 import tempfile
 from collections.abc import Iterable
@@ -18,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from robosim.arena.shipped import shipped_folder
 from robosim.control.card import MOST_BYTES, PolicyCard, card_text, read_card
 from robosim.control.network import Networks, Weights, check_weights
-from robosim.errors import InputError, nearest_names, shown
+from robosim.errors import InputError, nearest_names, printable, shown
+from robosim.errors import name_or_path as text_of
 from robosim.files import is_regular, require_unchanged
 from robosim.texts import parse_json, read_limited
 
@@ -164,7 +164,7 @@ def save_policy(folder: Path, weights: Weights, card: PolicyCard) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: this is a file; a policy is written to a folder.")
     if folder.is_dir() and (strange := {path.name for path in folder.iterdir()} - {WEIGHTS_FILE, CARD_FILE}):
-        raise InputError(f"{folder}: holds {min(strange)!r}, so it is not replaced by a policy.")
+        raise InputError(f"{folder}: holds {shown(min(strange))}, so it is not replaced by a policy.")
     parent = folder.absolute().parent
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -187,7 +187,7 @@ def find_policy(name_or_path: str | Path, scripted: Iterable[str] = ()) -> Path:
 
     InputError for what is none, with the nearest names; `scripted` are names that would also have done.
     """
-    text = os.fspath(name_or_path)
+    text = text_of("policy", name_or_path)
     names = policy_names()
     if text in names:
         return shipped_folder("policies") / text
@@ -199,7 +199,7 @@ def find_policy(name_or_path: str | Path, scripted: Iterable[str] = ()) -> Path:
     if not found:
         known = [*scripted, *names]
         near = f": {nearest_names(text, known)}" if known else "."
-        raise InputError(f"no policy is named {text[:200]!r}, and there is no such folder{near}")
+        raise InputError(f"no policy is named '{printable(text, 200)}', and there is no such folder{near}")
     if not is_folder:
         raise InputError(f"{path}: this is a file; give the policy's folder.")
     for folder in (path, path / RUN_POLICY):

@@ -17,7 +17,7 @@ from robosim.envs.config import EnvConfig
 from robosim.envs.render import Painter, checked_render_mode
 from robosim.envs.seeding import EpisodeSeed
 from robosim.envs.vector import VectorEnv
-from robosim.errors import InputError
+from robosim.errors import InputError, printable
 
 Observations = dict[str, NDArray[np.float32]]
 Infos = dict[str, dict[str, Any]]
@@ -130,8 +130,9 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
         )
 
     def _known(self, agent: str) -> str:
-        if agent not in self.action_spaces:
-            raise InputError(f"agent {agent!r} is unknown; agents are {', '.join(self.possible_agents)}.")
+        if not isinstance(agent, str) or agent not in self.action_spaces:
+            known = ", ".join(self.possible_agents)
+            raise InputError(f"agent '{printable(str(agent))}' is unknown; agents are {known}.")
         return agent
 
     def _by_agent(self, observation: NDArray[np.float32]) -> Observations:

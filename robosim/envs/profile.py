@@ -5,7 +5,6 @@ What training randomises and what evaluation uses are profiles beside the arena,
 
 from __future__ import annotations
 
-import os
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,7 +12,8 @@ from pydantic import Field
 
 from robosim.arena.shipped import shipped_folder, shipped_names
 from robosim.discretise.noise import ReadingConfig, SensingConfig
-from robosim.errors import InputError, nearest_names, shown
+from robosim.errors import InputError, nearest_names, printable
+from robosim.errors import name_or_path as text_of
 from robosim.records import Record
 from robosim.texts import parse_toml, read_text
 from robosim.world.motion import MotionConfig
@@ -72,13 +72,13 @@ def _parsed(text: str, place: str) -> ProfileConfig:
 
 
 def _find(name_or_path: str | Path) -> Path:
-    text = os.fspath(name_or_path)
+    text = text_of("profile", name_or_path)
     names = profile_names()
     if text in names:
         return shipped_folder("profiles") / f"{text}.toml"
     path = Path(text)
     if isinstance(name_or_path, str) and path.name == text and path.suffix != ".toml":
-        raise InputError(f"No profile is named {shown(text)}: {nearest_names(text, names)}")
+        raise InputError(f"No profile is named '{printable(text)}': {nearest_names(text, names)}")
     return path
 
 

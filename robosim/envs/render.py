@@ -152,7 +152,7 @@ def outline_distance(sheet: RobotSheet, forward: _Floats, sideways: _Floats) -> 
 
 def checked_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> str | None:
     """Return `mode`; raises InputError when it is neither None nor one of the metadata's."""
-    if mode is not None and mode not in metadata["render_modes"]:
+    if mode is not None and not (isinstance(mode, str) and mode in metadata["render_modes"]):
         allowed = " or ".join(map(shown, metadata["render_modes"]))
         raise refused("render_mode", mode, f"None or {allowed}")
     return mode

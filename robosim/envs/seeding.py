@@ -7,7 +7,8 @@ import secrets
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.envs.vector import VectorEnv
+from robosim.envs.vector import MAX_SEED, VectorEnv
+from robosim.errors import whole_number
 
 _BITS = 63
 """Of a seed that nobody has given."""
@@ -30,7 +31,7 @@ class EpisodeSeed:
         """
         if seed is None and self.seed is not None:
             return self._env.reset()
-        drawn = secrets.randbits(_BITS) if seed is None else seed
+        drawn = secrets.randbits(_BITS) if seed is None else whole_number("seed", seed, 0, MAX_SEED)
         observation = self._env.reset(drawn)
-        self.seed = int(drawn)
+        self.seed = drawn
         return observation

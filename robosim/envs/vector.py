@@ -5,7 +5,8 @@ Every other face of the simulator is built on this one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,8 +29,13 @@ from robosim.world.state import World
 
 MAX_ENVS = 4096
 MAX_SEED = 2**64 - 1
+MOST_NUMBERS = 250_000_000
+"""In the observations of a decision, of all robots and environments together."""
 SENSING = 1
 """Key of the seeds of an episode's sensors."""
+
+
+OTHER_THREAD = "another thread is stepping this environment; it must be used by one at a time."
 
 
 class Transition(NamedTuple):
@@ -111,6 +117,7 @@ class VectorEnv:
         self.robots = config.robots
         self.layout = config.layout_in(arena)
         self.num_actions = self.layout.num_actions
+        self._check_memory()
         profile = config.profile or ProfileConfig()
         self._world = make_world(
             config.world,
@@ -138,7 +145,17 @@ class VectorEnv:
         self.handed_over = np.zeros((self.num_envs, self.robots), dtype=np.int64)
         """[envs, robots] pellets that each robot handed over in the current episode."""
         self._reward = np.zeros((self.num_envs, self.robots), dtype=np.float32)
+        self._busy = False
         self._history = np.empty((0, self.num_envs, self.robots), dtype=np.uint8)
+
+    def _check_memory(self) -> None:
+        """Raise InputError for more numbers in a decision's observations than a machine should hold."""
+        size, envs, robots = self.layout.size, self.num_envs, self.robots
+        if size * envs * robots > MOST_NUMBERS:
+            raise InputError(
+                f"num_envs is {envs}, but must be at most {max(1, MOST_NUMBERS // (size * robots))} with "
+                f"{robots} robots and {size} numbers in an observation (pheromone_radius says how many)."
+            )
 
     @property
     def joint_decisions(self) -> int:
@@ -166,10 +183,22 @@ class VectorEnv:
         With `seed` the environments are seeded anew and their first episode begins; without, the
         next one of the same seeds.
         """
-        if seed is not None:
-            self.seeds = self.seeds_from(seed)
-            self.episode = -1
-        return self._begin(self.episode + 1)
+        with self._alone("reset"):
+            if seed is not None:
+                self.seeds = self.seeds_from(seed)
+                self.episode = -1
+            return self._begin(self.episode + 1)
+
+    @contextlib.contextmanager
+    def _alone(self, what: str) -> Iterator[None]:
+        """Raise InputError where another thread is in the midst of a decision."""
+        if self._busy:
+            raise InputError(f"{what}: {OTHER_THREAD}")
+        self._busy = True
+        try:
+            yield
+        finally:
+            self._busy = False
 
     def _begin(self, episode: int) -> NDArray[np.float32]:
         self.episode = episode
@@ -189,9 +218,13 @@ class VectorEnv:
     def step(self, actions: ArrayLike) -> Transition:
         """Advance every environment by one decision with actions [envs, robots]; see `Transition`.
 
-        Raises InputError for actions of the wrong shape, kind or range, before the first reset, and after
-        the end of an episode when `autoreset` is off.
+        Raises InputError for actions of the wrong shape, kind or range, before the first reset, after the
+        end of an episode when `autoreset` is off, and while another thread is at it.
         """
+        with self._alone("step"):
+            return self._step(actions)
+
+    def _step(self, actions: ArrayLike) -> Transition:
         chosen = checked_actions(actions, (self.num_envs, self.robots), self.num_actions)
         if self.episode < 0:
             raise InputError("step: no episode has begun; call reset first.")

@@ -7,6 +7,7 @@ import ctypes
 import itertools
 import multiprocessing
 import signal
+import threading
 import traceback
 import weakref
 from collections.abc import Iterator, Sequence
@@ -21,7 +22,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.model import Arena
 from robosim.envs.config import EnvConfig
-from robosim.envs.vector import Snapshot, Transition, VectorEnv, checked_actions, require_snapshot
+from robosim.envs.vector import (
+    OTHER_THREAD,
+    Snapshot,
+    Transition,
+    VectorEnv,
+    checked_actions,
+    require_snapshot,
+)
 from robosim.episodes.frame import Frame
 from robosim.errors import InputError, refused, whole_number
 from robosim.world.motion import MotionDraws
@@ -44,7 +52,7 @@ def vector_env(
     With `workers` above 1 the environments are shared out to that many processes, with the same
     numbers to the bit; use it as a context manager, or call close(). Raises InputError.
     """
-    if workers == 1 and not isinstance(workers, bool):
+    if isinstance(workers, int | np.integer) and workers == 1 and not isinstance(workers, bool):
         return VectorEnv(arena, num_envs=num_envs, seed=seed, **fields)
     return WorkerVectorEnv(arena, num_envs=num_envs, seed=seed, workers=workers, **fields)
 
@@ -72,6 +80,11 @@ class WorkerVectorEnv:
         workers: int,
         **fields: Any,
     ) -> None:
+        if getattr(multiprocessing.current_process(), "_inheriting", False):
+            raise InputError(
+                "vector_env: workers import this script anew, and it asks for workers at once; put what it "
+                'does under `if __name__ == "__main__":`.'
+            )
         # Wrong input is found here, before any process is spawned, in the words of VectorEnv.
         sample = VectorEnv(arena, num_envs=num_envs, seed=seed, **fields)
         number = isinstance(workers, int | np.integer) and not isinstance(workers, bool)
@@ -95,6 +108,8 @@ class WorkerVectorEnv:
         self._processes: list[BaseProcess] = []
         self._close = weakref.finalize(self, _end, self._pipes, self._processes)
         self._cut_short = False
+        self._inside: int | None = None
+        """The thread in the midst of an exchange."""
         for share in self._shares:
             ours, theirs = context.Pipe()
             own = {"base": self.config, "seed": sample.seeds[share], "autoreset": sample.autoreset}
@@ -187,18 +202,22 @@ class WorkerVectorEnv:
         An interrupt in the middle of one, as by Ctrl-C in a notebook, leaves answers in the pipes that the
         next question would take for its own. So nothing is asked any more after that.
         """
+        if self._inside not in (None, threading.get_ident()):
+            raise InputError(f"vector_env: {OTHER_THREAD}")
         if self._cut_short:
             self.close()
             raise InputError(
                 "vector_env: a decision was interrupted, and what has become of it is not known; "
                 "the environments are closed, make new ones."
             )
-        self._cut_short = True
+        self._cut_short, self._inside = True, threading.get_ident()
         try:
             yield
         except Exception:
             self._cut_short = False
             raise
+        finally:
+            self._inside = None
         self._cut_short = False
 
     def _ask_all(self, command: str) -> list[Any]:

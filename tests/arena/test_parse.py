@@ -172,6 +172,11 @@ MISTAKES = [
         "timing.substeps is 60, but may be at most 50: a decision may have at most 5000 substeps.",
     ),
     (
+        "count = 20\n\n[timing]\nsubsteps = 6",
+        "count = 201\nradius = 0.01\n\n[timing]\ndecision_period = 10.0\nsubsteps = 50",
+        "pellets.count is 201, but may be at most 200 where a decision has 5000 substeps: it would take too long.",
+    ),
+    (
         "count = 20",
         "count = 2000",
         (

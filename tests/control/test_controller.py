@@ -5,7 +5,7 @@ from robosim.control.controller import SCRIPTED, make_controller
 from robosim.control.lanes import LanesController
 from robosim.control.learned import LearnedController
 from robosim.control.policy import save_policy
-from robosim.errors import InputError
+from robosim.errors import InputError, printable
 
 
 @pytest.fixture
@@ -51,10 +51,13 @@ def test_scripted_controllers_come_before_policies_and_those_before_folders(
         ("paper-4", "did you mean paper-3?"),
         ("qqqq", "known names are active, lanes, lorenz, paper-3, random, reversal."),
         ("no\0name", "known names are active, lanes, lorenz, paper-3, random, reversal."),
+        ("\033[31m", "known names are active, lanes, lorenz, paper-3, random, reversal."),
         ("x" * 5000, "known names are active, lanes, lorenz, paper-3, random, reversal."),
     ],
 )
 def test_unknown_names_are_a_sentence_with_the_nearest(ships, name, end):
     with pytest.raises(InputError) as caught:
         make_controller(name)
-    assert str(caught.value) == (f"no policy is named {name[:200]!r}, and there is no such folder: {end}")
+    assert str(caught.value) == (
+        f"no policy is named '{printable(name, 200)}', and there is no such folder: {end}"
+    )

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.arena.checks import MOST_WORK
 from robosim.arena.model import Arena, Zone
 from robosim.errors import refused
 from robosim.robot.drivers import ActionKind, make_driver
@@ -56,6 +57,12 @@ class PhysicsWorld:
         """`pellet_gradient` is explained in `robosim.world.draws.draw_pellets`, the rest in `make_world`."""
         if robots > arena.capacity:
             room = f"a whole number from 1 to {arena.capacity}, the room in arena {arena.name!r}"
+            raise refused("robots", robots, room)
+        substeps = arena.timing.control_steps * arena.timing.substeps
+        if robots * substeps > MOST_WORK:
+            room = (
+                f"a whole number from 1 to {MOST_WORK // substeps} where a decision has {substeps} substeps"
+            )
             raise refused("robots", robots, room)
         if keep_distance is not None and robots > (most := room_apart(arena, keep_distance)):
             room = f"a whole number from 1 to {most}, the room in arena {arena.name!r} at keep_distance"
