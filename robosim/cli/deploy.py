@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from robosim.cli.program import hint
+
 if TYPE_CHECKING:
     from robosim.arena.model import Arena
     from robosim.control.policy import Policy
@@ -190,7 +192,7 @@ class World(_Common):
         }
         with live_recording(self.save, arena, robots=robots, about=about, view=self.view, say=say) as add:
             yield add
-        say(f"{self.save}: open it with: rerun {self.save}")
+        say(f"{self.save}: open it with: {hint('view', self.save)}")
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 EXTRAS: dict[str, tuple[str, ...]] = {
     "train": ("torch", "tensorboard", "tomli_w"),
-    "view": ("rerun",),
+    "view": ("rerun", "rerun_cli"),
     "report": ("jinja2", "matplotlib", "PIL"),
     "deploy": ("onnx", "onnxruntime", "zenoh"),
     "mujoco": ("mujoco",),

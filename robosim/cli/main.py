@@ -29,6 +29,7 @@ from robosim.cli.play import Play
 from robosim.cli.policy import Policy
 from robosim.cli.sweep import Sweep
 from robosim.cli.train import Train, train_command
+from robosim.cli.view import View
 from robosim.errors import IncompleteError, InputError, nearest_names, printable
 
 DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play back.
@@ -38,7 +39,9 @@ DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play
 _NO_FILE = {errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EILSEQ}
 """Of errors, what no path can be: where a path is only looked at, nobody else says it."""
 
-Subcommand = Demo | Arena | Train | Evaluate | Sweep | Compare | Play | Policy | Export | Deploy | Bench
+Subcommand = (
+    Demo | Arena | Train | Evaluate | Sweep | Compare | Play | View | Policy | Export | Deploy | Bench
+)
 """A parsed command line, ready to run."""
 
 
@@ -148,6 +151,7 @@ def _commands(train: type[Train]) -> dict[str, Any]:
         "sweep": Sweep,
         "compare": Compare,
         "play": Play,
+        "view": View,
         "policy": Policy,
         "export": Export,
         "deploy": Deploy,

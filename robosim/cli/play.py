@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from robosim.cli.program import hint
+
 if TYPE_CHECKING:
     from robosim.analysis.clogs.clog import Clog
+    from robosim.arena.model import Arena
     from robosim.control.controller import Controller
     from robosim.envs.vector import VectorEnv
+    from robosim.episodes.frame import Frame
     from robosim.episodes.trajectory import Trajectory
     from robosim.playback.episode import OnStep, Recorded
 
@@ -28,7 +31,7 @@ LONGEST_AROUND = 1e9
 
 @dataclass(frozen=True)
 class Play:
-    """Run one episode, or a saved one again, and record it, to be looked at in the rerun viewer."""
+    """Run one episode, or a saved one again, and record it for the rerun viewer, or film it."""
 
     policy: Annotated[str, tyro.conf.Positional]
     """Trained policy by name, policy or run folder, scripted controller by name, or a saved trajectory (.npz)
@@ -46,8 +49,16 @@ class Play:
     """Decisions to record; by default a whole episode, as long as the arena or the trajectory says."""
     seed: int | None = None
     """Root of all randomness; by default 0."""
-    save: Path = Path("run.rrd")
-    """The recording to write."""
+    save: Annotated[Path | None, tyro.conf.arg(metavar="RUN.rrd")] = None
+    """The recording to write; by default run.rrd, or run-2.rrd and so on where that is there already, and
+    none where --video alone is asked for."""
+    video: Annotated[Path | None, tyro.conf.arg(metavar="RUN.mp4|.webp|.gif")] = None
+    """Film the episode: MP4 for slides, animated WebP or GIF for pages."""
+    speed: Annotated[float | None, tyro.conf.arg(metavar="NUMBER")] = None
+    """How many times as fast as it happened the film shows it, by default 1; or `--live`, by default as
+    fast as it can be worked out."""
+    size: Annotated[int | None, tyro.conf.arg(metavar="PIXELS")] = None
+    """Longer side of the film's pictures, about; by default 960."""
     save_trajectory: Annotated[Path | None, tyro.conf.arg(metavar="RUN.npz")] = None
     """Keep the episode as seed and actions too: a small file that `robosim play` can run again."""
     clogs_only: bool = False
@@ -56,7 +67,9 @@ class Play:
     around: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
     """Simulated time before and after each clog that `--clogs-only` records; by default 5."""
     view: bool = False
-    """Open the recording in the viewer when it is done."""
+    """Open the recording in the viewer when it is done; without a display a browser shows it."""
+    live: bool = False
+    """Show the episode in the viewer while it runs, and record it; without a display a browser shows it."""
 
     def run(self) -> None:
         """Record, and say where the recording is and how to open it."""
@@ -70,15 +83,30 @@ class Play:
         if self.seed is not None:
             whole_number("--seed", self.seed, 0, MAX_SEED)
         self._check_around()
+        self._check_film()
+        placed = replace(self, save=self._place())
         again = Path(self.policy).suffix == SUFFIX
         if self.clogs_only:
-            recorded = self._run_clogs(again)
+            recorded = placed._run_clogs(again)
         else:
-            recorded = self._run_again() if again else self._run_policy()
+            recorded = placed._run_again() if again else placed._run_policy()
         if recorded and self.view:
-            # By module, since the viewer's command need not be on the path.
-            viewer = [sys.executable, "-m", "rerun", str(self.save.resolve())]
-            subprocess.Popen(viewer, start_new_session=True)  # noqa: S603  # our own interpreter, an absolute path
+            from robosim.cli.view import View
+
+            View(placed.recording).run()
+
+    def _place(self) -> Path | None:
+        """Return where the recording goes, None if there is to be none."""
+        if self.save is not None or (self.video is not None and not self.view and not self.live):
+            return self.save
+        names = chain(["run.rrd"], (f"run-{number}.rrd" for number in count(2)))
+        return next(Path(name) for name in names if not Path(name).exists())
+
+    @property
+    def recording(self) -> Path:
+        """Where the recording goes."""
+        assert self.save is not None  # noqa: S101  # who asks has made sure, which mypy cannot know
+        return self.save
 
     def _check_around(self) -> None:
         from robosim.errors import InputError, refused
@@ -90,9 +118,28 @@ class Play:
         if not 0.0 <= self.around <= LONGEST_AROUND:
             raise refused("--around", self.around, f"a number of seconds from 0 to {LONGEST_AROUND:g}")
 
+    def _check_film(self) -> None:
+        from robosim.analysis.film import LONG_SIDES, SPEEDS
+        from robosim.errors import InputError, refused, whole_number
+
+        if self.speed is not None:
+            if self.video is None and not self.live:
+                raise InputError("--speed says how fast a film is: it needs --video or --live.")
+            if not SPEEDS[0] <= self.speed <= SPEEDS[1]:
+                raise refused("--speed", self.speed, f"a number from {SPEEDS[0]:g} to {SPEEDS[1]:g}")
+        if self.size is not None:
+            if self.video is None:
+                raise InputError("--size says how large a film is: it needs --video.")
+            whole_number("--size", self.size, *LONG_SIDES)
+        for option in ("video", "live"):
+            if self.clogs_only and getattr(self, option):
+                raise InputError(f"--{option} shows an episode whole: it cannot be given with --clogs-only.")
+        if self.live and self.view:
+            raise InputError("--live opens the viewer while the episode runs: --view is not needed with it.")
+
     def _say_done(self, what: str, complete: bool) -> None:
-        size = self.save.stat().st_size / 1e6
-        print(f"{self.save}: {what}, {size:.1f} MB\nopen it with: rerun {self.save}")
+        size = self.recording.stat().st_size / 1e6
+        print(f"{self.save}: {what}, {size:.1f} MB\nopen it with: {hint('view', self.recording)}", flush=True)
         if not complete:
             raise KeyboardInterrupt
 
@@ -101,30 +148,99 @@ class Play:
         self._say_done(what, recorded.decisions == wanted)
 
     def _run_policy(self) -> bool:
+        controller, env = self._team()
+        self._require_film(env.arena, env.episode_steps)
+        if self.save is None:
+            from robosim.analysis.film import driven
+
+            self._film(driven(controller, env), env.arena, env.episode_steps)
+            self._save_trajectory(env.trajectory(policy=self.policy))
+            return False
         from robosim.playback.episode import record_episode
 
-        controller, env = self._team()
-        with _show_progress(env.episode_steps) as on_step:
-            recorded = record_episode(controller, env, self.save, about=self._about(), on_step=on_step)
-        self._save_trajectory(env.trajectory(policy=self.policy))
-        self._say_recorded(recorded, env.episode_steps)
+        with self._viewer() as viewer, self._progress(env.episode_steps, env.arena) as on_step:
+            recorded = record_episode(
+                controller, env, self.save, about=self._about(), on_step=on_step, viewer=viewer
+            )
+            trajectory = env.trajectory(policy=self.policy)
+            self._save_trajectory(trajectory)
+            self._say_recorded(recorded, env.episode_steps)
+        self._film_again(trajectory)
         return True
 
     def _run_again(self) -> bool:
-        from robosim.playback.episode import record_trajectory
+        from robosim.episodes.replay import begun
 
         trajectory = self._load()
         wanted = len(trajectory.chosen)
-        with _show_progress(wanted) as on_step:
+        arena = begun(trajectory, self.policy).arena
+        self._require_film(arena, wanted)
+        if self.save is None:
+            self._film_again(trajectory)
+            return False
+        from robosim.playback.episode import record_trajectory
+
+        with self._viewer() as viewer, self._progress(wanted, arena) as on_step:
             recorded = record_trajectory(
                 trajectory,
                 self.save,
                 about=self._about(trajectory),
                 on_step=on_step,
+                viewer=viewer,
                 source=self.policy,
             )
-        self._say_recorded(recorded, wanted)
+            self._say_recorded(recorded, wanted)
+        self._film_again(trajectory)
         return True
+
+    @contextlib.contextmanager
+    def _viewer(self) -> Iterator[str]:
+        """Give the URL of a viewer, if one is to show the episode while it runs."""
+        if not self.live:
+            yield ""
+            return
+        from robosim.cli.view import say
+        from robosim.playback.file import require_recording
+        from robosim.playback.viewer import live_viewer
+
+        require_recording(self.recording)
+        with live_viewer(say, lingers=True) as viewer:
+            yield viewer
+
+    @contextlib.contextmanager
+    def _progress(self, steps: int, arena: Arena) -> Iterator[OnStep]:
+        """Yield what shows the decisions taken, and holds an episode that is watched to its pace."""
+        with _show_progress(steps) as on_step:
+            if self.live and self.speed is not None:
+                yield _paced(on_step, arena.timing.decision_period / self.speed)
+            else:
+                yield on_step
+
+    def _require_film(self, arena: Arena, decisions: int) -> None:
+        """Say now, before the episode runs, what would keep it from being filmed."""
+        if self.video is not None:
+            from robosim.analysis.film import Pace, require_film
+
+            require_film(self.video, Pace.of(arena, self.speed or 1.0).pictures(decisions))
+
+    def _film_again(self, trajectory: Trajectory) -> None:
+        """Film a trajectory, if there is to be a film."""
+        if self.video is not None:
+            from robosim.episodes.replay import begun, replay
+
+            arena = begun(trajectory, self.policy).arena
+            self._film(replay(trajectory, self.policy), arena, len(trajectory.chosen))
+
+    def _film(self, frames: Iterable[Frame], arena: Arena, decisions: int) -> None:
+        from robosim.analysis.film import film
+        from robosim.envs.render import LONG_SIDE
+
+        assert self.video is not None  # noqa: S101  # who calls has made sure, which mypy cannot know
+        speed = self.speed or 1.0
+        with _show_progress(decisions, "filming") as on_step:
+            film(_told(frames, on_step), arena, self.video, speed=speed, long_side=self.size or LONG_SIDE)
+        seconds, size = decisions * arena.timing.decision_period, self.video.stat().st_size / 1e6
+        print(f"{self.video}: {decisions} decisions, {seconds:.0f} s at speed {speed:g}, {size:.1f} MB")
 
     def _run_clogs(self, again: bool) -> bool:
         """Watch first, then record the clogs; return whether there were any."""
@@ -138,7 +254,7 @@ class Play:
         )
         from robosim.playback.file import require_recording
 
-        require_recording(self.save)
+        require_recording(self.recording)
         if again:
             trajectory = self._load()
             about = self._about(trajectory)
@@ -162,7 +278,7 @@ class Play:
         about["recorded"] = f"{_number(clogs)}, and {around:g} s before and after each"
         with _show_progress(wanted, "recording") as on_step:
             recorded = record_trajectory(
-                trajectory, self.save, about=about, spans=spans, on_step=on_step, source=self.policy
+                trajectory, self.recording, about=about, spans=spans, on_step=on_step, source=self.policy
             )
         kept = sum(end - start for start, end in widened(spans, decisions))
         complete = recorded.decisions == wanted
@@ -221,11 +337,29 @@ class Play:
     def _save_trajectory(self, trajectory: Trajectory) -> None:
         if self.save_trajectory is not None:
             trajectory.save(self.save_trajectory)
-            print(f"{self.save_trajectory}: run it again with: robosim play {self.save_trajectory}")
+            print(f"{self.save_trajectory}: run it again with: {hint('play', self.save_trajectory)}")
 
 
 def _number(clogs: list[Clog]) -> str:
     return "1 clog" if len(clogs) == 1 else f"{len(clogs)} clogs"
+
+
+def _paced(on_step: OnStep, seconds: float) -> OnStep:
+    """Return what is told of a decision, and waits until the clock says that it has happened."""
+    begun = time.monotonic()
+
+    def wait(step: int, delivered: int) -> None:
+        on_step(step, delivered)
+        time.sleep(max(0.0, begun + step * seconds - time.monotonic()))
+
+    return wait
+
+
+def _told(frames: Iterable[Frame], on_step: OnStep) -> Iterator[Frame]:
+    """Pass frames on, and tell of each."""
+    for frame in frames:
+        yield frame
+        on_step(frame.step, int(frame.delivered.sum()))
 
 
 @contextlib.contextmanager

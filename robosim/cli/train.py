@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from robosim.cli.program import hint
 from robosim.errors import InputError
 
 if TYPE_CHECKING:
@@ -174,7 +175,7 @@ def _shown(config: RunConfig, folder: Path, work: Callable[[Report], TrainResult
             result = work(report)
     except KeyboardInterrupt:
         if (folder / CONFIG_FILE).exists():
-            print(f"Stopped; go on with: robosim train --resume {shlex.quote(str(folder))}")
+            print(f"Stopped; go on with: {hint('train', '--resume', folder)}")
         raise
     print(f"{result.steps} joint decisions in {result.wall_time:.0f} s; run folder {folder}")
     if result.evaluation is not None:

@@ -14,9 +14,10 @@ from robosim.arena.model import Arena
 from robosim.control.controller import Controller, make_controller
 from robosim.envs.actions import checked_action
 from robosim.envs.config import EnvConfig
-from robosim.envs.render import Painter, checked_render_mode
+from robosim.envs.render import RENDER_MODES, checked_render_mode, render_metadata
 from robosim.envs.seeding import EpisodeSeed
 from robosim.envs.vector import VectorEnv
+from robosim.envs.window import Screen
 from robosim.errors import InputError, refused
 
 Observation = NDArray[np.float32]
@@ -33,7 +34,7 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
     `drawn` for your robot, too. Wrong input raises InputError.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
+    metadata: dict[str, Any] = {"render_modes": RENDER_MODES, "render_fps": 10 / 3}
 
     def __init__(
         self,
@@ -56,7 +57,8 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
         self.action_space = Discrete(self._batch.num_actions)
         self._observation = np.zeros((1, self._batch.robots, layout.size), dtype=np.float32)
         self._under_way = False
-        self._painter = Painter(self._batch.arena)
+        self.metadata = render_metadata(self._batch.arena)
+        self._screen = Screen(self._batch, render_mode)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -73,6 +75,7 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
         info, drawn = self._info(), self._batch.drawn
         if drawn is not None:
             info["drawn"] = drawn[0].of_robot(0)
+        self._screen.update()
         return self._observation[0, 0].copy(), info
 
     def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -86,6 +89,7 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
         self._observation = transition.final_observation
         ended = bool(transition.truncated[0])
         self._under_way = not ended
+        self._screen.update()
         return (
             self._observation[0, 0].copy(),
             float(transition.reward[0, 0]),
@@ -95,12 +99,15 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
         )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture [height, width, 3] with render_mode="rgb_array", None without."""
-        if self.render_mode is None:
-            return None
-        if self._batch.episode < 0:
-            raise InputError("render: no episode has begun; call reset first.")
-        return self._painter.draw(self._batch.frame())
+        """Return a picture [height, width, 3] with render_mode="rgb_array", None without.
+
+        With "human" a window shows every decision by itself, at the pace of the robots.
+        """
+        return self._screen.render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._screen.close()
 
     def _info(self) -> dict[str, Any]:
         delivered = self._batch.delivered[0]

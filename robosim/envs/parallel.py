@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box, Discrete
@@ -14,9 +14,10 @@ from pettingzoo import ParallelEnv
 from robosim.arena.model import Arena
 from robosim.envs.actions import checked_action
 from robosim.envs.config import EnvConfig
-from robosim.envs.render import Painter, checked_render_mode
+from robosim.envs.render import RENDER_MODES, checked_render_mode, render_metadata
 from robosim.envs.seeding import EpisodeSeed
 from robosim.envs.vector import VectorEnv
+from robosim.envs.window import Screen
 from robosim.errors import InputError, printable
 
 Observations = dict[str, NDArray[np.float32]]
@@ -33,7 +34,11 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
     too. Wrong input raises InputError.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"name": "robosim_excavation_v0", "render_modes": ["rgb_array"]}
+    metadata: dict[str, Any] = {
+        "name": "robosim_excavation_v0",
+        "render_modes": RENDER_MODES,
+        "render_fps": 10 / 3,
+    }
 
     def __init__(
         self,
@@ -54,7 +59,8 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
         self.action_spaces = {agent: Discrete(self._batch.num_actions) for agent in self.possible_agents}
         self.state_space = Box(np.tile(layout.low, robots), np.tile(layout.high, robots), dtype=np.float32)
         self._observation = np.zeros((robots, layout.size), dtype=np.float32)
-        self._painter = Painter(self._batch.arena)
+        self.metadata = {**self.metadata, **render_metadata(self._batch.arena)}
+        self._screen = Screen(self._batch, render_mode)
 
     def observation_space(self, agent: str) -> Box:
         return self.observation_spaces[self._known(agent)]
@@ -75,6 +81,7 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
         if drawn is not None:
             for robot, agent in enumerate(self.possible_agents):
                 infos[agent]["drawn"] = drawn[0].of_robot(robot)
+        self._screen.update()
         return self._by_agent(self._observation), infos
 
     def step(
@@ -89,6 +96,7 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
         ended = bool(transition.truncated[0])
         if ended:
             self.agents = []
+        self._screen.update()
         return (
             self._by_agent(self._observation),
             dict(zip(team, transition.reward[0].tolist(), strict=True)),
@@ -102,15 +110,15 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
         return self._observation.flatten()
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a picture [height, width, 3] with render_mode="rgb_array", None without."""
-        if self.render_mode is None:
-            return None
-        if self._batch.episode < 0:
-            raise InputError("render: no episode has begun; call reset first.")
-        return self._painter.draw(self._batch.frame())
+        """Return a picture [height, width, 3] with render_mode="rgb_array", None without.
+
+        With "human" a window shows every decision by itself, at the pace of the robots.
+        """
+        return self._screen.render()
 
     def close(self) -> None:
-        """Do nothing: there is no window and no file to close."""
+        """Close the window, if there is one."""
+        self._screen.close()
 
     def _checked(self, actions: Mapping[str, int]) -> NDArray[np.int64]:
         if not isinstance(actions, Mapping):

@@ -45,6 +45,8 @@ OUTLINE: Colour = (24, 26, 32)
 HEADING: Colour = (255, 255, 255)
 PHEROMONE: Colour = (84, 40, 150)
 
+RENDER_MODES = ["human", "rgb_array"]
+"""A window on the screen, or an array of pixels."""
 LONG_SIDE = 960
 """Pixels along the longer side of a picture, about: a cell is a whole number of pixels."""
 _PHEROMONE_STRENGTH = 0.6
@@ -54,11 +56,14 @@ _OUTLINE_WIDTH = 0.09
 
 
 class Painter:
-    """Draws frames of one arena; the empty arena is drawn once and kept."""
+    """Draws frames of one arena; the empty arena is drawn once and kept.
 
-    def __init__(self, arena: Arena) -> None:
+    Pictures are about `long_side` pixels long, and of even size, as films must be.
+    """
+
+    def __init__(self, arena: Arena, long_side: int = LONG_SIDE) -> None:
         self._arena = arena
-        self._cell_pixels = max(4, round(LONG_SIDE / max(arena.rows, arena.columns)))
+        self._cell_pixels = max(4, 2 * round(0.5 * long_side / max(arena.rows, arena.columns)))
         self._scale = self._cell_pixels / arena.cell_size
         """Pixels per metre."""
         self._background = _empty_arena(arena, self._cell_pixels)
@@ -101,7 +106,11 @@ class Painter:
         inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
         cover = np.zeros((height, width))
         np.maximum.at(cover, (rows[inside], columns[inside]), opacity[inside])
-        _paint(canvas, cover, colour)
+        # The rest of the picture, nearly all of it, stays as it is.
+        covered = np.nonzero(cover)
+        patch = canvas[covered]
+        _paint(patch, cover[covered], colour)
+        canvas[covered] = patch
 
     def _draw_robot(self, canvas: _Canvas, sheet: RobotSheet, pose: _Floats, colour: Colour) -> None:
         x, y = self._to_picture(pose[None, :2])[0]
@@ -148,6 +157,11 @@ def outline_distance(sheet: RobotSheet, forward: _Floats, sideways: _Floats) -> 
         return np.asarray(outside + np.minimum(np.maximum(along, across), 0.0))
     half = max(0.0, 0.5 * (sheet.length - sheet.width))
     return np.asarray(np.hypot(forward - np.clip(forward, -half, half), sideways) - 0.5 * sheet.width)
+
+
+def render_metadata(arena: Arena) -> dict[str, Any]:
+    """Return what Gymnasium and PettingZoo ask of an environment that draws: modes, and pictures a second."""
+    return {"render_modes": RENDER_MODES, "render_fps": 1.0 / arena.timing.decision_period}
 
 
 def checked_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> str | None:

@@ -102,6 +102,10 @@ class ClogWatch:
         if self._columns.add(frame):
             self._hand_on(frame.step + 1, over=False)
 
+    def settle(self) -> None:
+        """Hand on what is certain by now."""
+        self._hand_on(self._last_step + 1, over=False)
+
     def finish(self) -> None:
         """Hand on the rest."""
         self._hand_on(self._last_step + 1, over=True)

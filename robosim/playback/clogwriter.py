@@ -43,8 +43,11 @@ class ClogWriter:
             self._write_log(settled.clogs)
 
     def finish(self) -> None:
-        """Write the colours of the intervals, once all are known."""
+        """Write the colours of the intervals that are known by now."""
         for number, lane in enumerate(self._lanes):
+            if lane.coloured == len(lane.colours):
+                continue
+            lane.coloured = len(lane.colours)
             self._stream.log(
                 entities.clogs(number),
                 rr.StateConfiguration(
@@ -140,6 +143,8 @@ class _Lane:
         """Decisions and labels yet to be written; an empty one ends an interval."""
         self.colours: dict[str, palette.Colour] = {}
         """By label."""
+        self.coloured = 0
+        """How many of them have been written."""
 
     def take(self, clog: Clog, parts: list[tuple[int, int]], until: int) -> None:
         """Put a clog into the lane; `until` is the first decision after what is known."""

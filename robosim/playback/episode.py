@@ -41,16 +41,17 @@ def record_episode(
     *,
     about: Mapping[str, str] | None = None,
     on_step: OnStep | None = None,
+    viewer: str = "",
 ) -> Recorded:
     """Run a new episode of the first environment of `env` and record it to `path`.
 
-    An interrupt (Ctrl-C) ends the episode early: what has been recorded is kept. Raises InputError before
-    anything runs if `path` cannot be written. `env` must have been made with `autoreset=False`, or the last
-    frame would show the next episode.
+    A viewer that listens at the URL `viewer` is shown it meanwhile. An interrupt (Ctrl-C) ends the episode
+    early: what has been recorded is kept. Raises InputError before anything runs if `path` cannot be written.
+    `env` must have been made with `autoreset=False`, or the last frame would show the next episode.
     """
     if env.autoreset:
         raise ValueError("record_episode needs an environment with autoreset=False")
-    with recording(path, env.arena, robots=env.robots, about=about) as recorder:
+    with recording(path, env.arena, robots=env.robots, about=about, viewer=viewer) as recorder:
         return _record(env, _by_controller(controller, env), recorder, [(0, env.episode_steps + 1)], on_step)
 
 
@@ -61,9 +62,12 @@ def record_trajectory(
     about: Mapping[str, str] | None = None,
     spans: Sequence[tuple[int, int]] | None = None,
     on_step: OnStep | None = None,
+    viewer: str = "",
     source: str = "trajectory",
 ) -> Recorded:
     """Run `trajectory` again and record it to `path`, in the detail of a recording made live.
+
+    A viewer that listens at the URL `viewer` is shown it as it goes on.
 
     `spans` are the decisions to record, each from a first one up to, not including, a last; without them
     all are. Decision 0 is the start, and `len(trajectory.chosen)` the last. Spans may overlap and reach
@@ -77,7 +81,7 @@ def record_trajectory(
     """
     wanted = widened(spans, len(trajectory.chosen))
     env = begun(trajectory, source)
-    with recording(path, env.arena, robots=env.robots, about=about) as recorder:
+    with recording(path, env.arena, robots=env.robots, about=about, viewer=viewer) as recorder:
         return _record(env, _by_trajectory(trajectory, env), recorder, wanted, on_step)
 
 

@@ -7,6 +7,7 @@ import errno
 import os
 import shutil
 import time
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,10 +15,13 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
+from robosim.episodes.trajectory import SUFFIX
 from robosim.errors import InputError
 
 APPLICATION = "robosim"
 _LEAST_SPACE = 1_000_000
+_PATIENCE = 10.0
+"""How long a viewer may take for what it is still to be shown at the end, s."""
 
 
 @contextlib.contextmanager
@@ -26,7 +30,7 @@ def recording_file(
 ) -> Iterator[rr.RecordingStream]:
     """Give a stream that becomes the recording `path` when the block ends without an exception.
 
-    A viewer that listens at the URL `viewer` is shown it meanwhile.
+    A viewer that listens at the URL `viewer` is shown it meanwhile; if that ends before, nothing is lost.
     Until then the bytes are in a hidden file beside it, which an exception removes. Raises InputError
     at once if nothing can be written there, and OSError at the end if the file did not become whole.
     """
@@ -36,11 +40,7 @@ def recording_file(
     finished = False
     try:
         require_space(part.parent, _LEAST_SPACE)
-        with rr.RecordingStream(APPLICATION) as stream:
-            if viewer:
-                stream.set_sinks(rr.FileSink(part), rr.GrpcSink(viewer), default_blueprint=blueprint)
-            else:
-                stream.save(part, default_blueprint=blueprint)
+        with _stream_to(part, blueprint, viewer) as stream:
             stream.send_recording_name(name)
             yield stream
             finished = True
@@ -55,9 +55,47 @@ def recording_file(
         part.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def _stream_to(part: Path, blueprint: rrb.Blueprint, viewer: str) -> Iterator[rr.RecordingStream]:
+    if not viewer:
+        with rr.RecordingStream(APPLICATION) as stream:
+            stream.save(part, default_blueprint=blueprint)
+            yield stream
+        return
+    # Not as a context: its end raises, and leaves the file without one, where a viewer has been closed.
+    stream = rr.RecordingStream(APPLICATION)
+    stream.set_sinks(rr.FileSink(part), rr.GrpcSink(viewer), default_blueprint=blueprint)
+    try:
+        yield stream
+    finally:
+        with contextlib.suppress(RuntimeError):
+            stream.flush(timeout_sec=_PATIENCE)
+        stream.disconnect()
+
+
 def require_recording(path: str | Path) -> None:
     """Raise InputError now, before long work, if a recording cannot be written there later."""
     _reserve(Path(path)).unlink()
+
+
+def require_whole_recording(path: Path) -> None:
+    """Raise InputError, in a sentence, if a file is no recording, or not the whole of one."""
+    if not path.exists():
+        raise InputError(f"{path}: there is no such file.")
+    if not path.is_file():
+        raise InputError(f"{path}: this is no file, so it is no recording.")
+    if path.suffix == SUFFIX:
+        raise InputError(f"{path}: a trajectory is no recording; `robosim play` makes one of it.")
+    try:
+        with warnings.catch_warnings():
+            # That it has no footer; a file that was cut off has none, and then it is refused below.
+            warnings.simplefilter("ignore")
+            found = RrdReader(path).recordings()
+    except (RuntimeError, ValueError, OSError) as error:
+        reason = " ".join(str(error).rpartition(f"{path}: ")[2].split())
+        raise InputError(f"{path}: is no recording, or not a whole one ({reason}).") from None
+    if not found:
+        raise InputError(f"{path}: holds no recording.")
 
 
 def _reserve(path: Path) -> Path:

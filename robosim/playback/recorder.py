@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -22,6 +23,9 @@ from robosim.playback.scene import send_scene
 from robosim.playback.writer import FrameWriter
 from robosim.world.motion import MotionDraws
 
+_EVERY = 0.5
+"""Time by the clock between two pictures that a viewer is shown of a run under way, s."""
+
 
 class Recorder:
     """Takes the frames of one episode; `recording` makes one."""
@@ -33,7 +37,10 @@ class Recorder:
         robots: int,
         folder: Path,
         facts: Mapping[str, str],
+        watched: bool = False,
     ) -> None:
+        self._watched = watched
+        self._shown_at = time.monotonic()
         self._folder = folder
         self._stream = stream
         self._arena = arena
@@ -54,6 +61,15 @@ class Recorder:
         self._clogs.add(frame, recorded=True)
         if self._frames.add(frame):
             self.flush()
+        if self._watched and time.monotonic() - self._shown_at >= _EVERY:
+            self.show()
+
+    def show(self) -> None:
+        """Let whoever watches see all that has been added, and the clogs of it that are certain."""
+        self.flush()
+        self._clogs.settle()
+        self._clog_writer.finish()
+        self._shown_at = time.monotonic()
 
     def tell_drawn(self, profile: ProfileConfig, drawn: MotionDraws) -> None:
         """Say, before the first frame, under which profile the episode runs, and what it has drawn."""
@@ -130,7 +146,7 @@ def recording(
 
     The file appears under its name when the block ends without an exception; with one, nothing is
     left. Raises InputError on entry if the file cannot be written. `about` says what the run is, in words.
-    A viewer that listens at the URL `viewer` shows what has been flushed.
+    A viewer that listens at the URL `viewer` is shown frames as they come.
     """
     facts = {
         "arena": f"{arena.name}: {arena.description}",
@@ -141,7 +157,7 @@ def recording(
     blueprint = make_blueprint(arena, robots, follow=bool(viewer))
     with recording_file(Path(path), blueprint, name, viewer) as stream:
         send_scene(stream, arena, robots)
-        recorder = Recorder(stream, arena, robots, Path(path).parent, facts)
+        recorder = Recorder(stream, arena, robots, Path(path).parent, facts, watched=bool(viewer))
         yield recorder
         recorder.finish()
 

@@ -108,6 +108,7 @@ def test_all_is_every_extra_but_the_cluster_and_each_brings_what_is_said_of_it()
     packages = {
         "tomli_w": "tomli-w",
         "rerun": "rerun-sdk",
+        "rerun_cli": "rerun-sdk",
         "PIL": "pillow",
         "zenoh": "eclipse-zenoh",
     }

@@ -140,8 +140,8 @@ def test_unknown_agents_have_no_spaces(env: ParallelExcavation) -> None:
 
 def test_unknown_render_mode_is_refused() -> None:
     with pytest.raises(InputError) as caught:
-        robosim.parallel_env("paper", robots=2, render_mode="human")
-    assert str(caught.value) == 'render_mode is "human", but must be None or "rgb_array".'
+        robosim.parallel_env("paper", robots=2, render_mode="ansi")
+    assert str(caught.value) == 'render_mode is "ansi", but must be None or "human" or "rgb_array".'
 
 
 def test_renders_the_last_moment_of_an_episode_too() -> None:

@@ -497,7 +497,7 @@ def test_an_interrupted_process_saves_and_says_how_to_go_on(tmp_path, number):
     process.send_signal(number)
     out, err = process.communicate()
     assert process.returncode == 130
-    assert out.splitlines()[-1] == f"Stopped; go on with: robosim train --resume {folder}"
+    assert out.splitlines()[-1] == f"Stopped; go on with: {hint('train', '--resume', folder)}"
     assert err == "robosim: interrupted\n"
     taken = read_checkpoint(list_checkpoints(folder / "checkpoints")[0], MOST).step
     assert taken >= 500

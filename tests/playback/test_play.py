@@ -4,9 +4,11 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 from rerun.chunk import RrdReader
 
 from robosim.cli.main import main
+from robosim.cli.program import hint
 from robosim.envs.vector import VectorEnv
 from robosim.episodes.trajectory import load_trajectory
 from tests.playback.reading import Reading, plain
@@ -18,7 +20,7 @@ def test_play_records_and_says_how_to_open_it(tmp_path, capsys):
     assert main([*arguments, "--save", str(path)]) == 0
     printed = capsys.readouterr().out
     assert f"{path}: 20 decisions, 0 pellets, " in printed
-    assert f"open it with: rerun {path}" in printed
+    assert f"open it with: {hint('view', path)}\n" in printed
     reader = RrdReader(path)
     assert (len(reader.recordings()), len(reader.blueprints())) == (1, 1)
     about = {}
@@ -61,6 +63,25 @@ def test_recordings_pass_the_viewers_own_check(tmp_path):
             "run.rrd: cannot be written: the name of a trajectory's file must end in .npz.",
         ),
         (["--robots", "0"], "robots is 0, but must be"),
+        (["--video", "run.avi"], "run.avi: the name of a film must end in .mp4, .webp or .gif."),
+        (["--video", "nowhere/run.mp4"], "nowhere/run.mp4: cannot be written: No such file or directory."),
+        (
+            ["--video", "run.webp", "--steps", "4000"],
+            "run.webp: would hold 4001 pictures, but may hold 1500: take fewer decisions, a higher speed, or .mp4.",
+        ),
+        (["--video", "run.gif", "--speed", "0"], "--speed is 0.0, but must be a number from 0.01 to 1000."),
+        (["--video", "run.gif", "--size", "9"], "--size is 9, but must be a whole number from 64 to 3840."),
+        (["--speed", "4"], "--speed says how fast a film is: it needs --video or --live."),
+        (["--size", "480"], "--size says how large a film is: it needs --video."),
+        (
+            ["--clogs-only", "--video", "run.gif"],
+            "--video shows an episode whole: it cannot be given with --clogs-only.",
+        ),
+        (["--clogs-only", "--live"], "--live shows an episode whole: it cannot be given with --clogs-only."),
+        (
+            ["--live", "--view"],
+            "--live opens the viewer while the episode runs: --view is not needed with it.",
+        ),
         (["--arena", "papr"], "paper"),
     ],
 )
@@ -105,7 +126,7 @@ def test_where_a_trajectory_lies_is_printed_when_it_is_saved(tmp_path, capsys):
     run = tmp_path / "run.npz"
     command = ["play", "random", "--robots", "2", "--steps", "5", "--save", str(tmp_path / "run.rrd")]
     assert main([*command, "--save-trajectory", str(run)]) == 0
-    assert f"run it again with: robosim play {run}\n" in capsys.readouterr().out
+    assert f"run it again with: {hint('play', run)}\n" in capsys.readouterr().out
     trajectory = load_trajectory(run)
     assert (trajectory.chosen.shape, trajectory.policy) == ((5, 2), "random")
 
@@ -266,3 +287,39 @@ def test_a_trajectory_interrupted_as_it_plays_again_is_kept_as_far_as_it_came(
     assert captured.err == "robosim: interrupted\n"
     assert Reading(path).rows["/plots/delivered"]["step"].tolist() == [0, 11]
     assert list(tmp_path.iterdir()) == [path]
+
+
+def film_size(path):
+    """Return the width, height and pictures of an animation, and how long it is seen, s."""
+    with Image.open(path) as animation:
+        seconds = 0.0
+        for number in range(animation.n_frames):
+            animation.seek(number)
+            animation.load()
+            seconds += animation.info["duration"] / 1000
+        return (*animation.size, animation.n_frames, pytest.approx(seconds))
+
+
+def test_a_film_alone_leaves_no_recording(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    command = ["play", "lanes", "--arena", "s-bend", "--robots", "2", "--steps", "20"]
+    assert main([*command, "--video", "run.webp", "--speed", "4", "--size", "200"]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["run.webp"]
+    assert "run.webp: 20 decisions, 6 s at speed 4, " in capsys.readouterr().out
+    # 21 pictures, each a quarter of a decision's 0.3 s.
+    assert film_size("run.webp") == (186, 84, 21, 21 * 0.3 / 4)
+
+
+def test_a_saved_trajectory_is_filmed_and_recorded(tmp_path, played):
+    recorded, filmed = tmp_path / "again.rrd", tmp_path / "again.gif"
+    command = ["play", str(played / "run.npz"), "--steps", "10", "--save", str(recorded)]
+    assert main([*command, "--video", str(filmed), "--size", "100"]) == 0
+    assert film_size(filmed)[2:] == (11, 11 * 0.3)
+    assert Reading(recorded).rows["/plots/delivered"]["step"].tolist() == [0, 10]
+
+
+def test_without_a_name_no_recording_is_overwritten(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert main(["play", "random", "--robots", "1", "--steps", "2"]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"run.rrd", "run-2.rrd"}
