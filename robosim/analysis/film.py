@@ -115,10 +115,10 @@ def film(
 
 
 def film_bytes(
-    frames: Iterable[Frame], arena: Arena, *, speed: float, long_side: int, quality: int = _WEBP_QUALITY
+    frames: Iterable[Frame], arena: Arena, pace: Pace, *, long_side: int, quality: int = _WEBP_QUALITY
 ) -> bytes:
     """Return the animated WebP of some frames, for a page that holds all it needs; `film` says the rest."""
-    pace, painter = Pace.of(arena, speed), Painter(arena, long_side)
+    painter = Painter(arena, long_side)
     pictures = (painter.draw(frame) for frame in islice(frames, 0, None, pace.every))
     file = io.BytesIO()
     write_pictures(file, pictures, pace.seconds, ".webp", quality)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import shlex
 import sys
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from robosim.envs.profile import ProfileConfig
     from robosim.envs.vector import VectorEnv
     from robosim.learning.config import RunConfig
-    from robosim.learning.trainer import Report, TrainResult
+    from robosim.learning.trainer import Report, TrainResult, Watch
     from robosim.records import Option
 
 _GROUPS = {
@@ -51,6 +52,9 @@ class Train:
     runs/mixed-TECHNIQUE-SEED."""
     resume: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None
     """Folder of an interrupted run to go on with, just as it was configured."""
+    live: bool = False
+    """Show the first environment, its clogs and the learning curve in the viewer while the team learns, and
+    record them to recordings/live-*.rrd; without a display a browser shows them."""
     profile: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.toml")] = None
     """What is random and wrong about robots as they learn, by name or file (docs/noise.md); the options that
     begin with motion, sensing and pheromones change it."""
@@ -58,12 +62,12 @@ class Train:
     def run(self) -> None:
         """Train with a progress display, then say what came of it."""
         if self.resume is not None:
-            go_on(self.resume)
+            go_on(self.resume, live=self.live)
         else:
             from robosim.learning.config import run_config
 
             config = run_config(self.technique, profile=self._profile(), **dict(self._changed()))
-            begin(config, self.out or _run_folder(config))
+            begin(config, self.out or _run_folder(config), live=self.live)
 
     def _profile(self) -> ProfileConfig | None:
         from robosim.envs.profile import load_profile
@@ -125,7 +129,7 @@ def _value_at(config: RunConfig, option: Option) -> Any:
 def _refuse_options_beside_resume(arguments: Sequence[str]) -> None:
     """Raise InputError for them: also those that are what a technique sets, for the run may differ."""
     flags = [argument.partition("=")[0] for argument in arguments if argument.startswith("--")]
-    others = [flag for flag in flags if flag not in {"--resume", "--help"}]
+    others = [flag for flag in flags if flag not in {"--resume", "--help", "--live"}]
     if "--resume" in flags and others:
         raise InputError(
             f"--resume goes on with a run as it was configured: {others[0]} cannot be given with it."
@@ -147,22 +151,46 @@ def _refuse_options_of_others(config: RunConfig, technique: str, arguments: Sequ
             )
 
 
-def begin(config: RunConfig, folder: Path) -> None:
-    """Train, with a progress display, and fill the run folder."""
+def begin(config: RunConfig, folder: Path, live: bool = False) -> None:
+    """Train, with a progress display, and fill the run folder; `live` shows it in the viewer, too."""
     from robosim.learning.trainer import train
 
     command = shlex.join(["robosim", *sys.argv[1:]])[:2000]
-    _shown(config, folder, lambda report: train(config, folder, report, command, _record))
+    with _watching(config, folder, live) as watch:
+        _shown(config, folder, lambda report: train(config, folder, report, command, _record, watch))
 
 
-def go_on(folder: Path) -> None:
-    """Go on with an interrupted run, with a progress display."""
+def go_on(folder: Path, live: bool = False) -> None:
+    """Go on with an interrupted run, with a progress display; `live` shows it in the viewer, too."""
     from robosim.learning.config import RunConfig, read_config
     from robosim.learning.folder import CONFIG_FILE
     from robosim.learning.trainer import resume
 
     config = read_config(folder / CONFIG_FILE) if (folder / CONFIG_FILE).is_file() else RunConfig()
-    _shown(config, folder, lambda report: resume(folder, report, _record, _warn))
+    with _watching(config, folder, live) as watch:
+        _shown(config, folder, lambda report: resume(folder, report, _record, _warn, watch))
+
+
+@contextlib.contextmanager
+def _watching(config: RunConfig, folder: Path, live: bool) -> Iterator[Watch | None]:
+    """Give what shows a training in the viewer, if it is to be shown."""
+    if not live:
+        yield None
+        return
+    if config.variety is not None:
+        raise InputError("--live shows one team in one arena: not where arenas and team sizes vary.")
+    from robosim.cli.view import say
+    from robosim.learning.folder import RECORDINGS
+    from robosim.playback.training import LiveTraining
+    from robosim.playback.viewer import live_viewer
+
+    about = {"technique": config.run.technique, "seed": str(config.run.seed), "run": folder.name}
+    with live_viewer(say, lingers=False) as viewer:
+        watch = LiveTraining(folder / RECORDINGS, about, viewer, lambda words: say(f"live: {words}"))
+        try:
+            yield watch
+        finally:
+            watch.close()
 
 
 def _shown(config: RunConfig, folder: Path, work: Callable[[Report], TrainResult]) -> None:

@@ -48,7 +48,7 @@ _LONGEST_COMMAND = 2000
 """Bytes of the command that began a run; a card takes no longer one."""
 _FILES = (CONFIG_FILE, COMMAND_FILE, METRICS_FILE, EVALUATION_FILE, FINISHED_FILE)
 _FOLDERS = (CHECKPOINTS, RECORDINGS, CURVES, RUN_POLICY)
-_RECORDING = re.compile(r"\d{12}\.rrd")
+_RECORDING = re.compile(r"(live-)?\d{12}\.rrd")
 _POLICY_SCRATCH = re.compile(rf"\.{RUN_POLICY}-[a-z0-9_]{{8}}")
 """Where `save_policy` writes a policy before it takes its place."""
 

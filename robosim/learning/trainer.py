@@ -29,11 +29,14 @@ from robosim.learning.folder import RunFolder
 from robosim.learning.interrupts import hold_interrupts
 from robosim.learning.metrics import Metrics, write_metrics
 from robosim.learning.tensorboard import Curves
-from robosim.learning.training import Training, evaluation_env
+from robosim.learning.training import Training, TrainingEnv, evaluation_env
 
 Report = Callable[[Metrics], None]
 Record = Callable[[LearnedController, VectorEnv, Path], None]
 """Records an episode of a controller in an environment to a file."""
+Watch = Callable[[TrainingEnv, int, Metrics | None], None]
+"""Sees the environments after every decision, how many joint decisions the run has taken, and the row of the
+metrics that is closed by it, if any. It must only look."""
 Warn = Callable[[str], None]
 
 
@@ -50,14 +53,19 @@ class TrainResult:
 
 
 def train(
-    config: RunConfig, folder: Path, report: Report, command: str = "", record: Record | None = None
+    config: RunConfig,
+    folder: Path,
+    report: Report,
+    command: str = "",
+    record: Record | None = None,
+    watch: Watch | None = None,
 ) -> TrainResult:
     """Learn, evaluate and fill `folder`: docs/learning.md lists what is in it.
 
-    `record` writes the playbacks that `record_every` asks for. Interrupted (Ctrl-C, SIGTERM, or
-    KeyboardInterrupt from `report`), the run ends its present decision, saves a checkpoint and the policy so
-    far, and raises KeyboardInterrupt; `resume` goes on from there. InputError for a folder that is in use or
-    cannot be written, before learning.
+    `record` writes the playbacks that `record_every` asks for, and `watch` sees every decision. Interrupted
+    (Ctrl-C, SIGTERM, or KeyboardInterrupt from `report`), the run ends its present decision, saves a
+    checkpoint and the policy so far, and raises KeyboardInterrupt; `resume` goes on from there. InputError for
+    a folder that is in use or cannot be written, before learning.
     """
     config = self_contained(config)
     training, run_folder = Training(config), RunFolder(folder)
@@ -65,10 +73,16 @@ def train(
     run_folder.make()
     with alone_in(folder):
         run_folder.begin(config, command)
-        return _Run(training, run_folder, report, record, command).finish()
+        return _Run(training, run_folder, report, record, command, watch=watch).finish()
 
 
-def resume(folder: Path, report: Report, record: Record | None = None, warn: Warn = print) -> TrainResult:
+def resume(
+    folder: Path,
+    report: Report,
+    record: Record | None = None,
+    warn: Warn = print,
+    watch: Watch | None = None,
+) -> TrainResult:
     """Go on with an interrupted run from its last good checkpoint, to the same bits as if never stopped.
 
     `warn` hears, in a sentence, of damaged checkpoints that are passed over. InputError when `folder` holds
@@ -82,7 +96,7 @@ def resume(folder: Path, report: Report, record: Record | None = None, warn: War
         training, wall_time = _latest(config, run_folder.checkpoints, warn)
         for row in training.log.rows[-1:]:
             report(row)
-        return _Run(training, run_folder, report, record, run_folder.command(), wall_time).finish()
+        return _Run(training, run_folder, report, record, run_folder.command(), wall_time, watch).finish()
 
 
 def finished_result(folder: Path) -> TrainResult | None:
@@ -125,11 +139,13 @@ class _Run:
         record: Record | None,
         command: str,
         wall_time: float = 0.0,
+        watch: Watch | None = None,
     ) -> None:
         self._training = training
         self._folder = folder
         self._report = report
         self._record = record
+        self._watch = watch
         self._command = command
         self._wall_time = wall_time
         self._since = time.perf_counter()
@@ -162,6 +178,8 @@ class _Run:
                     step, whole = training.step, False
                     row = training.advance(beside)
                     whole = True
+                    if self._watch is not None:
+                        self._watch(training.env, training.step, row)
                     if row is not None:
                         curves.add(row)
                         self._report(row)

@@ -22,10 +22,13 @@ _WIDE = 2.2
 """An arena this many times wider than high takes the whole width of the window."""
 
 
-def make_blueprint(arena: Arena, robots: int, *, follow: bool = False) -> rrb.Blueprint:
+def make_blueprint(
+    arena: Arena, robots: int, *, follow: bool = False, learning: bool = False
+) -> rrb.Blueprint:
     """Return the layout: the arena as large as its shape allows, modes below it, plots and log around.
 
-    With `follow` the viewer shows the newest moment as a run goes on.
+    With `follow` the viewer shows the newest moment as a run goes on, and with `learning` the curves of a
+    training, before the plots of its episodes.
     """
     width, height = arena.size
     modes = _mode_views()
@@ -45,12 +48,20 @@ def make_blueprint(arena: Arena, robots: int, *, follow: bool = False) -> rrb.Bl
     playing: Literal["following", "paused"] = "following" if follow else "paused"
     layout: rrb.Container
     if width > _WIDE * height:
-        plots = rrb.Grid(delivered, each, density, reward, grid_columns=2)
+        plots: rrb.Container = rrb.Grid(
+            delivered, each, density, reward, grid_columns=2, name="Plots of the episode"
+        )
+        if learning:
+            plots = rrb.Tabs(_learning_curves(), plots)
         lower = rrb.Horizontal(modes, plots, words, column_shares=[1.6, 1.7, 0.8])
         layout = rrb.Vertical(view, legend, lower, row_shares=[4.6, 0.4, 4.0])
     else:
         left = rrb.Vertical(view, legend, modes, row_shares=[5.0, 0.4, min(0.6 + 0.28 * (robots + 1), 4.0)])
-        right = rrb.Vertical(delivered, each, density, reward, words, row_shares=[1.2, 1.2, 1.0, 1.0, 1.3])
+        right: rrb.Container = rrb.Vertical(
+            delivered, each, density, reward, words, row_shares=[1.2, 1.2, 1.0, 1.0, 1.3], name="Episode"
+        )
+        if learning:
+            right = rrb.Tabs(_learning_curves(), right)
         layout = rrb.Horizontal(left, right, column_shares=[2.4, 1.0])
     return rrb.Blueprint(
         layout,
@@ -59,6 +70,17 @@ def make_blueprint(arena: Arena, robots: int, *, follow: bool = False) -> rrb.Bl
         rrb.TimePanel(state="collapsed", timeline=entities.STEP, fps=_PLAYBACK_FPS, play_state=playing),
         auto_views=False,
         auto_layout=False,
+    )
+
+
+def _learning_curves() -> rrb.Grid:
+    return rrb.Grid(
+        _plot("Pellets in 1000 decisions", entities.learning("pellets"), legend=False),
+        _plot("Reward per decision and robot", entities.learning("reward"), legend=False),
+        _plot("Share of robots that are blocked", entities.learning("blocked"), legend=False),
+        _plot("Figures of the algorithm", entities.learning("figures"), legend=True),
+        grid_columns=2,
+        name="Learning",
     )
 
 

@@ -21,6 +21,7 @@ DELIVERED = "plots/delivered"
 DELIVERED_BY_ROBOT = "plots/delivered_by_robot"
 DENSITY = "plots/tunnel_density"
 REWARD = "plots/reward"
+LEARNING = "learning"
 COLLISION_LOG = "log/collisions"
 DELIVERY_LOG = "log/deliveries"
 CLOG_LOG = "log/clogs"
@@ -28,6 +29,11 @@ LEGEND = "legend"
 SWATCHES = "legend/swatches"
 NAMES = "legend/names"
 ABOUT = "about"
+
+
+def learning(name: str) -> str:
+    """Return the path of a curve of a training."""
+    return f"{LEARNING}/{name}"
 
 
 def robot(index: int) -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import numpy as np
 import rerun as rr
 
 from robosim.arena.model import Arena
@@ -20,11 +22,14 @@ from robosim.playback.clogs import ClogWatch, Settled
 from robosim.playback.clogwriter import ClogWriter
 from robosim.playback.file import recording_file, require_space
 from robosim.playback.scene import send_scene
+from robosim.playback.sending import send_rows
 from robosim.playback.writer import FrameWriter
 from robosim.world.motion import MotionDraws
 
-_EVERY = 0.5
+EVERY = 0.5
 """Time by the clock between two pictures that a viewer is shown of a run under way, s."""
+EVERY_LEARNING = 3.0
+"""The same of a training, which takes long: each picture makes its recording about 20 kB larger."""
 
 
 class Recorder:
@@ -37,9 +42,9 @@ class Recorder:
         robots: int,
         folder: Path,
         facts: Mapping[str, str],
-        watched: bool = False,
+        show_every: float = math.inf,
     ) -> None:
-        self._watched = watched
+        self._show_every = show_every
         self._shown_at = time.monotonic()
         self._folder = folder
         self._stream = stream
@@ -50,6 +55,7 @@ class Recorder:
         self._frames = FrameColumns(robots, arena.pellets.count, (arena.rows, arena.columns))
         self._clog_writer = ClogWriter(stream, arena, robots)
         self._clogs = ClogWatch(arena, robots, self._write_clogs)
+        self._period = arena.timing.decision_period
         self._last_step = -1
         self._pauses: list[int] = []
         self._paused = True
@@ -61,7 +67,7 @@ class Recorder:
         self._clogs.add(frame, recorded=True)
         if self._frames.add(frame):
             self.flush()
-        if self._watched and time.monotonic() - self._shown_at >= _EVERY:
+        if time.monotonic() - self._shown_at >= self._show_every:
             self.show()
 
     def show(self) -> None:
@@ -70,6 +76,12 @@ class Recorder:
         self._clogs.settle()
         self._clog_writer.finish()
         self._shown_at = time.monotonic()
+
+    def plot(self, values: Mapping[str, float]) -> None:
+        """Draw a point of each curve of `values`, by name, at the latest frame."""
+        for name, value in values.items():
+            step, time = np.array([self._last_step]), np.array([self._last_step * self._period])
+            send_rows(self._stream, entities.learning(name), step, time, rr.Scalars.columns(scalars=[value]))
 
     def tell_drawn(self, profile: ProfileConfig, drawn: MotionDraws) -> None:
         """Say, before the first frame, under which profile the episode runs, and what it has drawn."""
@@ -136,6 +148,7 @@ def recording(
     robots: int,
     about: Mapping[str, str] | None = None,
     viewer: str = "",
+    learning: bool = False,
 ) -> Iterator[Recorder]:
     """Record the frames of one episode of `robots` robots in `arena` to `path`, a .rrd file.
 
@@ -146,7 +159,8 @@ def recording(
 
     The file appears under its name when the block ends without an exception; with one, nothing is
     left. Raises InputError on entry if the file cannot be written. `about` says what the run is, in words.
-    A viewer that listens at the URL `viewer` is shown frames as they come.
+    A viewer that listens at the URL `viewer` is shown frames as they come. With `learning` there is room for
+    the curves of `Recorder.plot`.
     """
     facts = {
         "arena": f"{arena.name}: {arena.description}",
@@ -154,10 +168,11 @@ def recording(
         **(about or {}),
     }
     name = ", ".join((arena.name, f"{robots} robots", *(about or {}).values()))
-    blueprint = make_blueprint(arena, robots, follow=bool(viewer))
+    blueprint = make_blueprint(arena, robots, follow=bool(viewer), learning=learning)
     with recording_file(Path(path), blueprint, name, viewer) as stream:
         send_scene(stream, arena, robots)
-        recorder = Recorder(stream, arena, robots, Path(path).parent, facts, watched=bool(viewer))
+        every = (EVERY_LEARNING if learning else EVERY) if viewer else math.inf
+        recorder = Recorder(stream, arena, robots, Path(path).parent, facts, every)
         yield recorder
         recorder.finish()
 

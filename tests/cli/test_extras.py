@@ -39,7 +39,7 @@ def run(alone: Path, folder: Path, *command: str) -> subprocess.CompletedProcess
 
 
 def test_none_of_the_extras_is_there(alone: Path, tmp_path: Path) -> None:
-    modules = [module for names in EXTRAS.values() for module in names] + ["pyarrow"]
+    modules = [module for names in EXTRAS.values() for module in names] + ["pyarrow", "PIL"]
     code = f"import importlib.util as u; print(*(m for m in {modules!r} if u.find_spec(m)))"
     assert run(alone, tmp_path, "python", "-c", code).stdout.split() == []
 
@@ -75,6 +75,9 @@ def test_arenas_policies_and_the_faces_work(alone: Path, tmp_path: Path) -> None
         (("train", "--steps", "1000", "--out", "run"), "torch", "train"),
         (("demo",), "torch", "train"),
         (("play", "lanes", "--save", "run.rrd"), "rerun", "view"),
+        (("view", "run.rrd"), "rerun", "view"),
+        (("play", "lanes", "--video", "run.mp4"), "av", "video"),
+        (("play", "lanes", "--steps", "9", "--video", "run.gif"), "PIL", "video"),
         (("evaluate", "lanes", "--report", "out"), "matplotlib", "report"),
         (("arena", "show", "paper", "--png", "paper.png"), "matplotlib", "report"),
         (("export", "paper-2", "--onnx", "team.onnx"), "onnx", "deploy"),
@@ -109,12 +112,12 @@ def test_all_is_every_extra_but_the_cluster_and_each_brings_what_is_said_of_it()
         "tomli_w": "tomli-w",
         "rerun": "rerun-sdk",
         "rerun_cli": "rerun-sdk",
-        "PIL": "pillow",
         "zenoh": "eclipse-zenoh",
     }
     for extra, modules in EXTRAS.items():
         assert {packages.get(module, module) for module in modules} <= names[extra]
     assert "pyarrow" in names["train"] & names["report"]
+    assert "pillow" in names["video"] & names["report"]
 
 
 def test_a_missing_module_of_no_extra_is_a_failure_like_any_other() -> None:

@@ -13,6 +13,8 @@ import pytest
 
 from robosim.cli.main import main
 
+NO_DISPLAY = "there is no display for the viewer's window: a browser can show it instead"
+
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -42,11 +44,9 @@ def free_port() -> int:
 
 def listening(port: int) -> set[str]:
     """Return the addresses, as the system writes them, at which something listens."""
-    lines = (
-        Path("/proc/net/tcp").read_text().splitlines()[1:]
-        + Path("/proc/net/tcp6").read_text().splitlines()[1:]
-    )
-    sockets = [line.split()[1:4:2] for line in lines if line.split()[3] == "0A"]
+    tables = (Path("/proc/net/tcp"), Path("/proc/net/tcp6"))
+    lines = [line.split() for table in tables for line in table.read_text().splitlines()[1:]]
+    sockets = [line[1:4:2] for line in lines if line[3] == "0A"]
     return {place.partition(":")[0] for place, _ in sockets if int(place.partition(":")[2], 16) == port}
 
 
@@ -67,11 +67,7 @@ def test_without_a_display_or_by_choice_a_browser_is_served_on_this_machine_alon
                     break
             address = f"http://127.0.0.1:{port}/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port + 1}%2Fproxy"
             assert said == [
-                *(
-                    []
-                    if options
-                    else ["there is no display for the viewer's window: a browser can show it instead"]
-                ),
+                *([] if options else [NO_DISPLAY]),
                 f"open this in a browser: {address}",
                 "Ctrl-C ends it",
             ]
@@ -118,10 +114,10 @@ def _cut(path: Path, recorded: Path) -> None:
         ("run.rrd", lambda path, recorded: None, "there is no such file."),
         ("run.rrd", lambda path, recorded: path.mkdir(), "this is no file, so it is no recording."),
         ("run.rrd", lambda path, recorded: os.mkfifo(path), "this is no file, so it is no recording."),
-        ("run.rrd", lambda path, recorded: path.write_bytes(b""), "is no recording, or not a whole one ("),
+        ("run.rrd", lambda path, recorded: path.write_text(""), "is no recording, or not a whole one ("),
         (
             "run.rrd",
-            lambda path, recorded: path.write_text("hello" * 99),
+            lambda path, recorded: path.write_text("hi" * 99),
             "is no recording, or not a whole one (",
         ),
         ("run.rrd", _cut, "is no recording, or not a whole one ("),

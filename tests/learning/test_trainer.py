@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from robosim.arena import load_arena
+from robosim.cli.program import hint
 from robosim.control.card import Evaluation
 from robosim.control.policy import load_policy
 from robosim.envs.vector import VectorEnv

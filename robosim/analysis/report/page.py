@@ -19,6 +19,7 @@ from robosim.analysis.figures.style import COLUMN
 from robosim.analysis.measure.metrics import NotDefined, Summary, clogged_share, clogs, shown
 from robosim.analysis.measure.monitor import Episode
 from robosim.analysis.measure.strategy import Strategy, classify
+from robosim.analysis.report.clip import Clip
 from robosim.analysis.report.markup import Column, backticks_as_code, code, rendered
 from robosim.analysis.report.tables import clogged_share_by_transits
 from robosim.analysis.report.words import (
@@ -48,8 +49,9 @@ def page(
     summaries: Sequence[Summary],
     figures: Mapping[str, Rendered],
     command: str,
+    clip: Clip | None = None,
 ) -> str:
-    """Return the page; `figures` are those of `FIGURES`, by name."""
+    """Return the page; `figures` are those of `FIGURES`, by name, and `clip` is its moving picture."""
     found = [(number, clog) for number, one in enumerate(episodes) for clog in clogs(one)]
     return rendered(
         "page.html",
@@ -62,6 +64,7 @@ def page(
         figures=[_figure(plot, figures[plot.name]) for plot in FIGURES],
         clog_definition=clog_definition(episodes[0]),
         sensitivity=_sensitivity_table(episodes) if episodes[0].tunnels.count else [],
+        clip=clip and _in_page(clip),
         clogs=_clog_table(found, episodes[0].arena.timing.decision_period),
         clog_count=len(found),
         metrics=_metric_table(summaries),
@@ -132,6 +135,11 @@ def _figure(plot: Plot, files: Rendered) -> _FigureOnPage:
     kind, data = ("svg+xml", files.svg) if len(files.svg) <= len(files.png) else ("png", files.png)
     image = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
     return _FigureOnPage(plot.title, plot.caption, image, files.width <= COLUMN)
+
+
+def _in_page(clip: Clip) -> _FigureOnPage:
+    image = f"data:image/webp;base64,{base64.b64encode(clip.image).decode()}"
+    return _FigureOnPage("The longest clog", clip.caption, image, False)
 
 
 def _sensitivity_table(episodes: Sequence[Episode]) -> list[Column]:

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from robosim.analysis.figures.catalogue import FIGURES, draw
 from robosim.analysis.measure.metrics import summarise
 from robosim.analysis.measure.monitor import Episode
+from robosim.analysis.report.clip import longest_clog
 from robosim.analysis.report.folder import LAST_FILE, whole_folder
 from robosim.analysis.report.page import page
 from robosim.analysis.report.tables import clog_table, flow_table, metrics_record, trip_table, visit_table
@@ -41,7 +42,8 @@ def write_report(folder: Path, watched: Watched) -> Path:
     summaries = summarise(episodes)
     figures = {plot.name: draw(plot, episodes) for plot in FIGURES}
     record = metrics_record(watched.evaluation, episodes, summaries, watched.command)
-    text = page(watched.evaluation, episodes, summaries, figures, watched.command)
+    clip = longest_clog(episodes, watched.trajectories)
+    text = page(watched.evaluation, episodes, summaries, figures, watched.command, clip)
     with whole_folder(folder) as part:
         (part / "figures").mkdir()
         for name, files in figures.items():
