@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from robosim.cli.progress import each, progress
+
 
 @dataclass(frozen=True)
 class Bench:
@@ -56,12 +58,12 @@ def measure_learner(updates: int) -> dict[str, Any] | None:
 
 
 def _measure_decisions(decisions: int) -> list[dict[str, Any]]:
-    from robosim.bench.decisions import Cost, measure
+    from robosim.bench.decisions import ENVS, ROBOTS, Cost, measure
 
     print("arena paper, traffic of `lanes`, processor time of one thread, median of three repeats")
     print("robots  envs  pellets   joint/s   robot-decisions/s   in Space.step   cost / floor")
     costs: list[Cost] = []
-    for cost in measure(decisions):
+    for cost in each("measuring decisions", measure(decisions), 2 * len(ROBOTS) * len(ENVS)):
         costs.append(cost)
         print(
             f"{cost.robots:6d}{cost.envs:6d}{cost.pellets:9d}{cost.joint_decisions_per_second:10.0f}"
@@ -82,7 +84,8 @@ def _compare_worlds(decisions: int) -> list[dict[str, Any]]:
     print()
     print(f"worlds: arena paper, traffic of `lanes`, processor time of one thread, median of {TURNS} turns")
     print("world     robots  envs   joint/s")
-    costs = compare_worlds(decisions)
+    with progress("comparing worlds"):
+        costs = compare_worlds(decisions)
     for cost in costs:
         rate = cost.joint_decisions_per_second
         print(f"{cost.world:<10}{cost.robots:6d}{cost.envs:6d}{rate:10.0f}", flush=True)
@@ -105,19 +108,21 @@ def _measure_updates(updates: int) -> dict[str, Any]:
     print(f"learner: {TEAM.robots} networks {widths}, processor time of one thread, median of turns")
     print("batch   precision   update us   products us   cost / products   cost / robots one by one")
     records = []
-    for cost in measure_updates(updates):
+    for cost in each("measuring updates", measure_updates(updates)):
         records.append(cost.as_record())
         print(
             f"{cost.batch_size:5d}   {cost.precision:<9}{cost.seconds * 1e6:12.0f}"
             f"{cost.products_seconds * 1e6:14.0f}{cost.ratio:18.2f}{cost.team_share:27.2f}",
             flush=True,
         )
-    one = measure_one_for_all(updates)
+    with progress("measuring one network for all"):
+        one = measure_one_for_all(updates)
     print(
         f"one network for all of them, normalised and masked, batch {one.batch_size}: "
         f"{one.seconds * 1e6:.0f} us, {one.ratio:.2f} times its products"
     )
-    other = compare_with_stable_baselines3(updates)
+    with progress("comparing with stable-baselines3"):
+        other = compare_with_stable_baselines3(updates)
     if other is None:
         print("stable-baselines3 is not installed: no comparison with its DQN")
     else:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from robosim.cli.progress import episodes_shown, progress
+
 if TYPE_CHECKING:
     from robosim.analysis.measure.monitor import TeamMonitor
     from robosim.control.card import Evaluation
@@ -49,7 +51,7 @@ class Evaluate:
         """Evaluate and print the figures."""
         from robosim.control.controller import make_controller
         from robosim.control.environment import environment_for
-        from robosim.control.evaluate import evaluate
+        from robosim.control.evaluate import Watch, evaluate
         from robosim.envs.config import MOST_STEPS
         from robosim.envs.vector import MAX_SEED
         from robosim.errors import whole_number
@@ -74,7 +76,9 @@ class Evaluate:
             episode_steps=self.steps,
             profile=self.profile,
         )
-        result = evaluate(controller, env, self.episodes, self.seed, watch=[monitor] if monitor else [])
+        with episodes_shown(env, self.episodes) as shown:
+            watch: list[Watch] = [monitor, shown] if monitor else [shown]
+            result = evaluate(controller, env, self.episodes, self.seed, watch=watch)
         print(summary(result), flush=True)
         if self.json is not None:
             write_whole(self.json, result.model_dump_json(indent=2) + "\n")
@@ -136,7 +140,8 @@ class Evaluate:
         for name, words in congestion_lines(monitor.episodes):
             print(f"  {name:<22}  {words}", flush=True)
         command = self._command(evaluation)
-        page = write_report(folder, Watched(evaluation, monitor.episodes, monitor.trajectories, command))
+        with progress("writing the report"):
+            page = write_report(folder, Watched(evaluation, monitor.episodes, monitor.trajectories, command))
         print(f"  {'report':<22}  {page}")
 
     def _command(self, evaluation: Evaluation) -> str:

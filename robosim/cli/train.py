@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import tyro
 
@@ -188,7 +188,8 @@ def _watching(config: RunConfig, folder: Path, live: bool) -> Iterator[Watch | N
     with live_viewer(say, lingers=False) as viewer:
         watch = LiveTraining(folder / RECORDINGS, about, viewer, lambda words: say(f"live: {words}"))
         try:
-            yield watch
+            # Every environment but those of a variety can be looked at.
+            yield cast("Watch", watch)
         finally:
             watch.close()
 

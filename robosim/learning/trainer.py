@@ -64,8 +64,8 @@ def train(
 
     `record` writes the playbacks that `record_every` asks for, and `watch` sees every decision. Interrupted
     (Ctrl-C, SIGTERM, or KeyboardInterrupt from `report`), the run ends its present decision, saves a
-    checkpoint and the policy so far, and raises KeyboardInterrupt; `resume` goes on from there. InputError for
-    a folder that is in use or cannot be written, before learning.
+    checkpoint and the policy so far, and raises KeyboardInterrupt; `resume` goes on from there. InputError
+    for a folder that is in use or cannot be written, before learning.
     """
     config = self_contained(config)
     training, run_folder = Training(config), RunFolder(folder)
