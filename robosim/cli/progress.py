@@ -1,4 +1,4 @@
-"""How far a long command has come: on stderr, and only in a terminal, so that what is piped stays the same."""
+"""How far a long command has come: on stderr, in a terminal alone, so that what is piped stays the same."""
 
 from __future__ import annotations
 

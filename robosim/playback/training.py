@@ -10,6 +10,7 @@ from typing import Protocol
 
 from robosim.arena.model import Arena
 from robosim.episodes.frame import Frame
+from robosim.errors import InputError
 from robosim.playback.recorder import Recorder, recording
 
 
@@ -66,9 +67,10 @@ class LiveTraining:
             return
         try:
             self._take(env, step, row)
-        except OSError as error:
+        except (OSError, InputError) as error:
             self._failed = True
-            self._say(f"{self._path}: the recording has ended ({error.strerror}); the training goes on.")
+            reason = error.strerror if isinstance(error, OSError) else str(error).rstrip(".")
+            self._say(f"{self._path}: the recording has ended ({reason}); the training goes on.")
 
     def close(self) -> None:
         """End the present recording, which is then whole."""

@@ -2,10 +2,14 @@
 
 import pytest
 
+from robosim.analysis.film import driven
+from robosim.control.controller import make_controller
 from robosim.envs.vector import VectorEnv
-from robosim.playback import live
+from robosim.playback import viewer
 from robosim.playback.live import live_recording
-from tests.playback.reading import Reading
+from robosim.playback.recorder import recording
+from robosim.playback.viewer import free_ports, served
+from tests.playback.reading import Reading, plain
 
 
 def record(path, said, view):
@@ -20,7 +24,7 @@ def record(path, said, view):
 
 @pytest.mark.parametrize("view", [False, True])
 def test_without_a_display_only_the_file_is_written(tmp_path, monkeypatch, view):
-    monkeypatch.setattr(live.sys, "platform", "linux")
+    monkeypatch.setattr(viewer.sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     said = []
@@ -30,3 +34,40 @@ def test_without_a_display_only_the_file_is_written(tmp_path, monkeypatch, view)
     )
     rows = Reading(tmp_path / "run.rrd").rows
     assert rows["/arena/robots/1"]["step"].tolist() == [1, 2, 3, 4, 5]
+
+
+def test_a_viewer_that_is_closed_meanwhile_costs_nothing_of_the_recording(tmp_path):
+    env = VectorEnv("paper", robots=2, seed=1, autoreset=False)
+    env.reset()
+    ports = free_ports(None)
+    with served(ports) as process:
+        url = f"rerun+http://127.0.0.1:{ports.data}/proxy"
+        with recording(tmp_path / "run.rrd", env.arena, robots=2, viewer=url) as recorder:
+            for step in range(30):
+                if step == 10:
+                    recorder.show()
+                    process.kill()
+                    process.wait()
+                env.step([[0, 1]])
+                recorder.add(env.frame())
+    rows = Reading(tmp_path / "run.rrd").rows
+    assert rows["/plots/tunnel_density"]["step"].max() == 30
+    assert [path.name for path in tmp_path.iterdir()] == ["run.rrd"]
+
+
+def test_what_is_shown_meanwhile_says_of_clogs_what_a_recording_says_at_the_end(tmp_path):
+    def run(path, shown):
+        env = VectorEnv("single-lane", robots=4, seed=0, episode_steps=400, autoreset=False)
+        with recording(path, env.arena, robots=4) as recorder:
+            for frame in driven(make_controller("active"), env):
+                recorder.add(frame)
+                if shown and frame.step % 37 == 0:
+                    recorder.show()
+        return Reading(path)
+
+    whole, parts = run(tmp_path / "whole.rrd", False), run(tmp_path / "parts.rrd", True)
+    clogs = [path for path in whole.rows if "clog" in path]
+    assert "/modes/clogs" in clogs
+    for path in clogs:
+        assert plain(parts.rows[path]) == plain(whole.rows[path]), path
+    assert parts.static["/modes/clogs"] == whole.static["/modes/clogs"]
