@@ -17,6 +17,8 @@ from robosim.control.controller import Controller
 from robosim.envs.render import LONG_SIDE, Painter, Pixels
 from robosim.envs.vector import VectorEnv
 from robosim.episodes.frame import Frame
+from robosim.episodes.replay import begun, replay
+from robosim.episodes.trajectory import Trajectory
 from robosim.errors import InputError, refused
 from robosim.files import require_writable, whole_file
 
@@ -112,6 +114,22 @@ def film(
     with whole_file(path) as part, part.open("wb") as file:
         write_pictures(file, pictures, pace.seconds, Path(path).suffix)
     return pictures.count
+
+
+def film_trajectory(
+    trajectory: Trajectory,
+    path: str | Path,
+    *,
+    speed: float = 1.0,
+    long_side: int = LONG_SIDE,
+    source: str = "trajectory",
+) -> int:
+    """Run a trajectory again, and film it as `film` does.
+
+    InputError, too, if it cannot be run; `source` is what the error calls it.
+    """
+    arena = begun(trajectory, source).arena
+    return film(replay(trajectory, source), arena, path, speed=speed, long_side=long_side)
 
 
 def film_bytes(

@@ -6,7 +6,7 @@ import av
 import numpy as np
 import pytest
 
-from robosim.analysis.film import Pace, driven, film
+from robosim.analysis.film import Pace, driven, film, film_trajectory
 from robosim.arena import load_arena
 from robosim.arena.shipped import shipped_names
 from robosim.control.controller import make_controller
@@ -65,6 +65,13 @@ def test_an_mp4_shows_the_pictures_of_the_decisions_in_time(tmp_path) -> None:
     for one, picture in zip(shown, pictures, strict=True):
         seen = one.to_ndarray(format="rgb24").astype(float)
         assert np.abs(seen - picture).mean() < 6.0
+
+
+def test_a_trajectory_makes_the_film_of_the_episode_that_it_was(tmp_path) -> None:
+    env = VectorEnv("paper", robots=2, episode_steps=10, autoreset=False, seed=4)
+    assert film(driven(make_controller("lanes"), env), env.arena, tmp_path / "live.webp", long_side=100) == 11
+    assert film_trajectory(env.trajectory(), tmp_path / "again.webp", long_side=100) == 11
+    assert (tmp_path / "live.webp").read_bytes() == (tmp_path / "again.webp").read_bytes()
 
 
 def test_a_film_that_fails_leaves_nothing_behind(tmp_path) -> None:

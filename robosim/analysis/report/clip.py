@@ -19,7 +19,7 @@ AROUND = 5.0
 MOST_PICTURES = 60
 """So that the page stays small, however long the clog lasted."""
 _PICTURE_SECONDS = Fraction(1, 8)
-_LONG_SIDE = 480
+_LONG_SIDE = 640
 _QUALITY = 50
 
 

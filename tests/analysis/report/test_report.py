@@ -2,6 +2,7 @@
 
 import base64
 import functools
+import io
 import json
 import os
 import re
@@ -13,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
 import robosim
 from robosim.analysis.clogs.clog import Cause, Ending, clogged_decisions
@@ -26,15 +28,19 @@ from robosim.analysis.report.folder import require_folder, whole_folder
 from robosim.analysis.report.tables import trip_table
 from robosim.analysis.report.words import congestion_lines
 from robosim.analysis.report.writer import write_report
+from robosim.arena import parse_arena
 from robosim.control.controller import make_controller
 from robosim.control.evaluate import evaluate
 from robosim.discretise.modes import Mode
+from robosim.envs.render import Painter
 from robosim.envs.vector import VectorEnv
+from robosim.episodes.replay import replay
 from robosim.episodes.trajectory import load_trajectory
 from robosim.errors import InputError
 from tests.analysis.figures.test_figures import COMMAND, RUNS, report, watched
 
 DOCS = Path(__file__).parents[3] / "docs" / "report.md"
+CLIP = "The longest clog"
 VOID = {"meta", "img", "br"}
 
 
@@ -126,7 +132,7 @@ def test_the_page_stands_alone(run):
 
 @pytest.mark.parametrize("run", RUNS)
 def test_every_figure_is_on_the_page_in_its_smaller_file(run):
-    images = page_of(run).images
+    images = [image for image in page_of(run).images if image["alt"] != CLIP]
     assert [image["alt"] for image in images] == [plot.title for plot in FIGURES]
     for plot, image in zip(FIGURES, images, strict=True):
         kind, data = image["src"].removeprefix("data:image/").split(";base64,")
@@ -311,6 +317,36 @@ def test_every_episode_is_stored_and_the_page_says_how_to_see_it(run):
         )
         assert stored.policy == watched(run).evaluation.controller
         assert f"robosim play episodes/{number}.npz --save {number}.rrd" in words
+
+
+def test_the_longest_clog_is_shown_in_motion_and_small():
+    (clip,) = (image for image in page_of("clogged").images if image["alt"] == CLIP)
+    kind, data = clip["src"].removeprefix("data:image/").split(";base64,")
+    picture = base64.b64decode(data)
+    assert (kind, len(picture) < 200_000) == ("webp", True)
+    seen = watched("clogged")
+    number, clog = max(
+        ((number, clog) for number, one in enumerate(seen.episodes) for clog in clogs(one)),
+        key=lambda pair: pair[1].end - pair[1].start,
+    )
+    first, last = max(0, clog.start - 17), min(400, clog.end + 17)
+    shown = list(replay_pictures(seen.trajectories[number], first, last, -(-(last - first + 1) // 60)))
+    with Image.open(io.BytesIO(picture)) as film:
+        assert film.n_frames == len(shown) <= 60
+        for number in (0, len(shown) // 2, len(shown) - 1):
+            film.seek(number)
+            drawn = np.asarray(film.convert("RGB"), dtype=float)
+            assert np.abs(drawn - shown[number]).mean() < 6.0
+    assert f"from decision {first} on" in " ".join(page_of("clogged").words)
+    assert CLIP not in {image["alt"] for image in page_of("still").images}
+
+
+def replay_pictures(trajectory, first, last, every):
+    """Yield the pictures of the decisions from `first` to `last`, both included."""
+    painter = Painter(parse_arena(trajectory.config.arena, "test"), 640)
+    for step, frame in enumerate(replay(trajectory)):
+        if first <= step <= last and (step - first) % every == 0:
+            yield painter.draw(frame)
 
 
 def test_the_summary_says_in_words_what_happened():
