@@ -17,7 +17,7 @@ EPISODE = 40
 
 def learn(folder, watch=None, report=lambda row: None):
     config = run_config(
-        robots=2, steps=1600, num_envs=4, episode_steps=EPISODE, evaluation_episodes=0, hidden=(8,), seed=3
+        robots=2, steps=1000, num_envs=4, episode_steps=EPISODE, evaluation_episodes=0, hidden=(8,), seed=3
     )
     return train(config, folder, report, watch=watch)
 
@@ -48,9 +48,9 @@ def test_a_training_learns_the_same_whether_it_is_watched_or_not(tmp_path):
     drawn = rows["/learning/reward"]
     assert [value[0] for value in drawn["Scalars:scalars"]] == pytest.approx([row.reward for row in metrics])
     assert "/learning/figures/loss" in rows
-    # 400 decisions of the first environment, and a step left out before each of its episodes.
-    starts = 1600 // 4 // EPISODE
-    assert rows["/plots/tunnel_density"]["step"].max() == 1600 // 4 + starts
+    # 250 decisions of the first environment, and a step left out before each of its episodes.
+    starts = 1000 // 4 // EPISODE
+    assert rows["/plots/tunnel_density"]["step"].max() == 1000 // 4 + starts
 
 
 def test_where_robots_are_is_what_the_first_environment_says(tmp_path):
@@ -75,7 +75,7 @@ def test_a_run_that_is_resumed_is_watched_from_there_on(tmp_path):
     watch = watcher(run, said)
 
     def stop(row):
-        if row.step >= 1000:
+        if row.step >= 500:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -85,7 +85,7 @@ def test_a_run_that_is_resumed_is_watched_from_there_on(tmp_path):
     resume(run, lambda row: None, watch=again)
     again.close()
     names = sorted(path.name for path in (run / "recordings").iterdir())
-    assert names == ["live-000000000004.rrd", "live-000000001004.rrd"]
+    assert names == ["live-000000000004.rrd", "live-000000000504.rrd"]
     learn(tmp_path / "whole")
     seen, whole = weights(run), weights(tmp_path / "whole")
     assert all(np.array_equal(seen[name], whole[name]) for name in seen)
@@ -95,7 +95,7 @@ def test_a_recording_that_fails_does_not_end_the_training(tmp_path):
     taken, said = tmp_path / "taken", []
     taken.write_text("")
     watch = LiveTraining(taken, {}, "", said.append)
-    assert learn(tmp_path / "run", watch).steps == 1600
+    assert learn(tmp_path / "run", watch).steps == 1000
     watch.close()
     assert said == [f"{taken}: the recording has ended (File exists); the training goes on."]
 
