@@ -55,6 +55,9 @@ class Train:
     live: bool = False
     """Show the first environment, its clogs and the learning curve in the viewer while the team learns, and
     record them to recordings/live-*.rrd; without a display a browser shows them."""
+    resume_if_present: bool = False
+    """Go on with the run that is in the folder, if there is one of the same configuration; if it is finished,
+    say so and end well. So a job of a cluster may be started again as it is."""
     profile: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.toml")] = None
     """What is random and wrong about robots as they learn, by name or file (docs/noise.md); the options that
     begin with motion, sensing and pheromones change it."""
@@ -67,7 +70,7 @@ class Train:
             from robosim.learning.config import run_config
 
             config = run_config(self.technique, profile=self._profile(), **dict(self._changed()))
-            begin(config, self.out or _run_folder(config), live=self.live)
+            begin(config, self.out or _run_folder(config), self.resume_if_present, live=self.live)
 
     def _profile(self) -> ProfileConfig | None:
         from robosim.envs.profile import load_profile
@@ -151,13 +154,22 @@ def _refuse_options_of_others(config: RunConfig, technique: str, arguments: Sequ
             )
 
 
-def begin(config: RunConfig, folder: Path, live: bool = False) -> None:
-    """Train, with a progress display, and fill the run folder; `live` shows it in the viewer, too."""
-    from robosim.learning.trainer import train
+def begin(config: RunConfig, folder: Path, resume_if_present: bool = False, *, live: bool = False) -> None:
+    """Train, with a progress display, and fill the run folder, or go on with the run that is in it.
+
+    `live` shows it in the viewer, too.
+    """
+    from robosim.learning.trainer import train, train_or_resume
 
     command = shlex.join(["robosim", *sys.argv[1:]])[:2000]
     with _watching(config, folder, live) as watch:
-        _shown(config, folder, lambda report: train(config, folder, report, command, _record, watch))
+
+        def work(report: Report) -> TrainResult:
+            if resume_if_present:
+                return train_or_resume(config, folder, report, command, _record, _warn, watch)
+            return train(config, folder, report, command, _record, watch)
+
+        _shown(config, folder, work)
 
 
 def go_on(folder: Path, live: bool = False) -> None:

@@ -111,7 +111,8 @@ class RunFolder:
                 raise InputError(f"{self.path}: this folder {held}; a new run needs a new one.")
         except OSError as error:
             raise self._unwritable(error) from None
-        write_whole(self.path / COMMAND_FILE, command + "\n")
+        if command:
+            write_whole(self.path / COMMAND_FILE, command + "\n")
         with whole_file(self.path / CONFIG_FILE, durable=True) as part:
             write_config(config, part)
 
@@ -144,6 +145,19 @@ class RunFolder:
                 f"{path}: {missing} is missing, but must be there: a run's configuration is whole."
             )
         return config
+
+    def require_config(self, config: RunConfig) -> None:
+        """Raise InputError, with the first field that differs, if the run has another configuration."""
+        held, asked = (one.model_dump(mode="json") for one in (self.config(), config))
+        if (name := _first_difference(held, asked)) is None:
+            return
+        values = [shown(_at(table, name)) for table in (held, asked)]
+        # Of two texts of arenas no more than the beginning is shown.
+        what = f"{values[0]} in the run that this folder holds, not {values[1]}"
+        what = what if values[0] != values[1] else "another in the run that this folder holds"
+        raise InputError(
+            f"{self.path}: {'.'.join(name)} is {what}; a run of its own needs a folder of its own."
+        )
 
     def command(self) -> str:
         """Return the command that began the run; empty where it is not known."""
@@ -269,3 +283,21 @@ def _missing(table: Mapping[str, Any], whole: Mapping[str, Any]) -> str:
         if isinstance(value, dict) and (below := _missing(table[name], value)):
             return f"{name}.{below}"
     return ""
+
+
+def _first_difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> tuple[str, ...] | None:
+    """Return the keys that lead to the first value in which two tables differ; None if they are equal."""
+    for name in {**one, **other}:
+        mine, theirs = one.get(name), other.get(name)
+        if isinstance(mine, dict) and isinstance(theirs, dict):
+            if (below := _first_difference(mine, theirs)) is not None:
+                return name, *below
+        elif mine != theirs:
+            return (name,)
+    return None
+
+
+def _at(table: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
+    for key in keys:
+        table = table.get(key)  # type: ignore[assignment]  # the last one is the value
+    return table

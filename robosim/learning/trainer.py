@@ -22,7 +22,7 @@ from robosim.control.policy import Policy, save_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError, shown
 from robosim.files import alone_in
-from robosim.learning.checkpoint import list_checkpoints, read_checkpoint
+from robosim.learning.checkpoint import list_checkpoints, read_checkpoint, remove_checkpoints
 from robosim.learning.computing import one_thread
 from robosim.learning.config import EVALUATION_SEED, RunConfig, self_contained
 from robosim.learning.folder import RunFolder
@@ -37,7 +37,11 @@ Record = Callable[[LearnedController, VectorEnv, Path], None]
 Watch = Callable[[TrainingEnv, int, Metrics | None], None]
 """Sees the environments after every decision, how many joint decisions the run has taken, and the row of the
 metrics that is closed by it, if any. It must only look."""
-Warn = Callable[[str], None]
+Say = Callable[[str], None]
+
+
+def ignore(_row: Metrics) -> None:
+    """Show nothing of a run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,19 +72,17 @@ def train(
     for a folder that is in use or cannot be written, before learning.
     """
     config = self_contained(config)
-    training, run_folder = Training(config), RunFolder(folder)
-    _spec_at_work(training)
+    training, run_folder = _fitting(config), RunFolder(folder)
     run_folder.make()
     with alone_in(folder):
-        run_folder.begin(config, command)
-        return _Run(training, run_folder, report, record, command, watch=watch).finish()
+        return _begun(training, run_folder, report, command, record, watch)
 
 
 def resume(
     folder: Path,
     report: Report,
     record: Record | None = None,
-    warn: Warn = print,
+    warn: Say = print,
     watch: Watch | None = None,
 ) -> TrainResult:
     """Go on with an interrupted run from its last good checkpoint, to the same bits as if never stopped.
@@ -92,11 +94,69 @@ def resume(
     run_folder = RunFolder(folder)
     run_folder.require_begun()
     with alone_in(folder):
-        config = run_folder.reopen()
-        training, wall_time = _latest(config, run_folder.checkpoints, warn)
-        for row in training.log.rows[-1:]:
-            report(row)
-        return _Run(training, run_folder, report, record, run_folder.command(), wall_time, watch).finish()
+        return _resumed(run_folder, report, record, warn, watch)
+
+
+def train_or_resume(
+    config: RunConfig,
+    folder: Path,
+    report: Report = ignore,
+    command: str = "",
+    record: Record | None = None,
+    say: Say = print,
+    watch: Watch | None = None,
+) -> TrainResult:
+    """Begin the run of `config` in `folder`, go on with it, or return what it left if it is finished.
+
+    So that the same call, or job of a cluster, may be made again until it ends well. `say` hears, in a
+    sentence each, that the run is finished already, and of damaged checkpoints that are passed over.
+    InputError as of `train` and `resume`, and when the run in `folder` has another configuration.
+    """
+    config = self_contained(config)
+    run_folder = RunFolder(folder)
+    # Before there is a folder: what does not fit together leaves none.
+    training = None if run_folder.begun else _fitting(config)
+    run_folder.make()
+    with alone_in(folder):
+        if not run_folder.begun:
+            return _begun(training or _fitting(config), run_folder, report, command, record, watch)
+        run_folder.require_config(config)
+        result = finished_result(folder)
+        if result is None:
+            return _resumed(run_folder, report, record, say, watch)
+        # A kill between a run's last record and this leaves them.
+        remove_checkpoints(run_folder.checkpoints)
+        say(f"{folder}: this run is finished; there is nothing left to do.")
+        return result
+
+
+def _fitting(config: RunConfig) -> Training:
+    """Return a run that has not begun; InputError where its team could not act as it is to."""
+    training = Training(config)
+    _spec_at_work(training)
+    return training
+
+
+def _begun(
+    training: Training,
+    folder: RunFolder,
+    report: Report,
+    command: str,
+    record: Record | None,
+    watch: Watch | None,
+) -> TrainResult:
+    folder.begin(training.config, command)
+    return _Run(training, folder, report, record, command, watch=watch).finish()
+
+
+def _resumed(
+    folder: RunFolder, report: Report, record: Record | None, warn: Say, watch: Watch | None
+) -> TrainResult:
+    config = folder.reopen()
+    training, wall_time = _latest(config, folder.checkpoints, warn)
+    for row in training.log.rows[-1:]:
+        report(row)
+    return _Run(training, folder, report, record, folder.command(), wall_time, watch).finish()
 
 
 def finished_result(folder: Path) -> TrainResult | None:
@@ -108,7 +168,7 @@ def finished_result(folder: Path) -> TrainResult | None:
     )
 
 
-def _latest(config: RunConfig, checkpoints: Path, warn: Warn) -> tuple[Training, float]:
+def _latest(config: RunConfig, checkpoints: Path, warn: Say) -> tuple[Training, float]:
     """Return a run at its last good checkpoint, or at its beginning when it has none yet."""
     paths = list_checkpoints(checkpoints)
     problems: list[str] = []

@@ -1,9 +1,12 @@
+import signal
+
 import pytest
 from rerun.chunk import RrdReader
 
 from robosim.cli.main import main
 from robosim.envs.variety import VarietyConfig
 from robosim.learning.config import read_config
+from robosim.learning.training import Training
 
 TINY = [
     "--steps", "240", "--num-envs", "2", "--episode-steps", "60", "--warmup", "40", "--hidden", "8", "8",
@@ -101,4 +104,31 @@ def test_a_network_learns_in_several_arenas_with_several_team_sizes(tmp_path, ca
     assert main(["train", "--team-sizes", "3"]) == 2
     assert capsys.readouterr().err == (
         "robosim: variety: arenas is empty and random_arenas is 0, but one of them must be there.\n"
+    )
+
+
+def test_the_same_command_may_be_given_again_until_the_run_is_finished(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "run"
+    command = ["train", "--out", str(folder), "--resume-if-present", *TINY, "--checkpoint-every", "120"]
+    advance = Training.advance
+
+    def stopping(training, beside=None):
+        if training.step == 180:
+            signal.raise_signal(signal.SIGTERM)  # as a cluster ends a job that it needs the place of
+        return advance(training, beside)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Training, "advance", stopping)
+        assert main(command) == 130
+    assert "Stopped; go on with: robosim train --resume " in capsys.readouterr().out
+    assert main(command) == 0
+    shown = capsys.readouterr()
+    assert "240 joint decisions" in shown.out
+    assert shown.err == ""
+    assert main(command) == 0
+    assert capsys.readouterr().err == f"{folder}: this run is finished; there is nothing left to do.\n"
+    assert main([*command, "--seed", "1"]) == 2
+    assert capsys.readouterr().err == (
+        f"robosim: {folder}: run.seed is 0 in the run that this folder holds, not 1; "
+        "a run of its own needs a folder of its own.\n"
     )

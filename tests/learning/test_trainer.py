@@ -19,13 +19,13 @@ from robosim.errors import InputError
 from robosim.learning.actors import FrozenTeam, expanded
 from robosim.learning.algorithms.protocol import Actors
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint, write_checkpoint
-from robosim.learning.config import read_config, run_config
+from robosim.learning.config import read_config, run_config, self_contained
 from robosim.learning.curriculum import Stage
 from robosim.learning.folder import RunFolder
 from robosim.learning.loop import StageLoop
 from robosim.learning.metrics import MetricsLog, read_metrics
 from robosim.learning.technique import TECHNIQUES
-from robosim.learning.trainer import resume, train
+from robosim.learning.trainer import resume, train, train_or_resume
 from robosim.learning.training import Training, task_of
 
 WALK = run_config(
@@ -679,3 +679,78 @@ def test_a_run_leaves_the_threads_of_torch_as_they_were(tmp_path):
     train(short(evaluation_episodes=0), tmp_path / "run", lambda row: seen.append(torch.get_num_threads()))
     assert set(seen) == {1}
     assert torch.get_num_threads() == 2
+
+
+def test_the_same_call_begins_goes_on_and_finds_that_all_is_done(tmp_path):
+    run(tmp_path / "whole")
+    folder, said = tmp_path / "parts", []
+
+    def stop(row):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train_or_resume(SHORT, folder, stop, say=said.append)
+    begun = (folder / "config.toml").read_bytes()
+    result = train_or_resume(SHORT, folder, say=said.append)
+    assert (result.steps, said) == (240, [])
+    assert weights(folder) == weights(tmp_path / "whole")
+    assert result.evaluation.delivered == RunFolder(tmp_path / "whole").evaluation().delivered
+    # A kill between the last record and the removal of checkpoints leaves them.
+    (folder / "checkpoints").mkdir(exist_ok=True)
+    (folder / "checkpoints" / "000000000240.safetensors").touch()
+    before = (folder / "finished.json").read_bytes()
+    assert train_or_resume(SHORT, folder, say=said.append) == result
+    assert said == [f"{folder}: this run is finished; there is nothing left to do."]
+    assert (folder / "finished.json").read_bytes() == before
+    assert (folder / "config.toml").read_bytes() == begun
+    assert not list_checkpoints(folder / "checkpoints")
+
+
+@pytest.mark.parametrize(
+    ("options", "field", "held", "asked"),
+    [
+        ({"learning_rate": 1e-4}, "algorithm.learning_rate", "0.001", "0.0001"),
+        ({"workers": 2}, "run.workers", "1", "2"),
+        ({"keep_distance": 0.3}, "env.keep_distance", "None", "0.3"),
+        ({"profile": "robotarium"}, "env.profile", "None", "a table"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("finished", [False, True])
+def test_a_folder_with_a_run_of_another_configuration_is_refused(
+    tmp_path, options, field, held, asked, finished
+):
+    folder = RunFolder(tmp_path / "run")
+    config = short(learning_rate=1e-3)
+    folder.begin(config, "")
+    if finished:
+        (folder.path / "finished.json").write_text('{"steps": 240, "wall_time": 1.0}')
+    before = sorted(path.name for path in folder.path.iterdir())
+    with pytest.raises(InputError) as caught:
+        train_or_resume(short(**{"learning_rate": 1e-3, **options}), folder.path)
+    assert str(caught.value) == (
+        f"{folder.path}: {field} is {held} in the run that this folder holds, not {asked}; "
+        "a run of its own needs a folder of its own."
+    )
+    assert sorted(path.name for path in folder.path.iterdir()) == before
+
+
+def test_a_run_whose_arena_s_file_has_changed_is_another_run(tmp_path):
+    arena = tmp_path / "mine.toml"
+    arena.write_text(load_arena("paper").text)
+    folder = RunFolder(tmp_path / "run")
+    folder.begin(self_contained(short(arena=str(arena))), "")
+    assert train_or_resume(short(arena=str(arena)), folder.path).steps == 240
+    arena.write_text(load_arena("paper").text + "# the same, but for this line\n")
+    with pytest.raises(
+        InputError, match=r"env\.arena is another in the run that this folder holds; a run of"
+    ):
+        train_or_resume(short(arena=str(arena)), folder.path)
+
+
+def test_what_does_not_fit_together_leaves_no_folder_and_a_strange_folder_is_left_alone(tmp_path):
+    with pytest.raises(InputError, match="no policy is named 'nobody'"):
+        train_or_resume(short(start_from="nobody"), tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(InputError, match="this folder is not empty; a new run needs a new one"):
+        train_or_resume(SHORT, tmp_path)
