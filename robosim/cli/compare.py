@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from robosim.cli.tables import aligned, written
 from robosim.errors import InputError
 
 if TYPE_CHECKING:
     from robosim.experiments.comparison import Comparison, Overall, Table
     from robosim.experiments.runs import Run
-    from robosim.experiments.statistics import Estimate
 
 
 @dataclass(frozen=True)
@@ -115,37 +115,20 @@ def _task_lines(table: Table) -> list[str]:
         head.append(f"better than {of}")
     rows = [head]
     for row in table.rows:
-        cells = [row.system, str(len(row.seeds)), str(row.episodes), _written(row.iqm, 1)]
+        cells = [row.system, str(len(row.seeds)), str(row.episodes), written(row.iqm, 1)]
         if row.iqm.low is None and len(row.scores) > 1:
             cells[3] += f" ({', '.join(f'{score:.1f}' for score in row.scores)})"
         if table.scale > 0.0:
-            cells.append(_written(row.normalised, 2))
+            cells.append(written(row.normalised, 2))
         if of is not None:
-            cells.append(_written(row.improvement, 2))
+            cells.append(written(row.improvement, 2))
         rows.append(cells)
-    return _aligned(rows)
+    return aligned(rows)
 
 
 def _overall_lines(systems: Sequence[Overall]) -> list[str]:
     rows = [["system", "IQM, 95 % interval", "median", "mean", "optimality gap", "better than it"]]
     for one in systems:
         estimates = (one.iqm, one.median, one.mean, one.optimality_gap, one.improvement)
-        rows.append([one.system, *(_written(estimate, 2) for estimate in estimates)])
-    return _aligned(rows)
-
-
-def _written(estimate: Estimate | None, digits: int) -> str:
-    if estimate is None:
-        return "-"
-    value = f"{estimate.value:.{digits}f}"
-    if estimate.low is None or estimate.high is None:
-        return value
-    return f"{value} [{estimate.low:.{digits}f}, {estimate.high:.{digits}f}]"
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        ("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))).rstrip()
-        for row in rows
-    ]
+        rows.append([one.system, *(written(estimate, 2) for estimate in estimates)])
+    return aligned(rows)

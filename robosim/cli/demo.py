@@ -42,7 +42,7 @@ class Demo:
         for policy in (str(folder), "lanes", "random"):
             options = f"--robots {ROBOTS} --episodes {EPISODES} --steps {EPISODE_STEPS}"
             _announce("robosim evaluate", policy, options)
-            Evaluate(policy, robots=ROBOTS, episodes=EPISODES, steps=EPISODE_STEPS).run()
+            Evaluate((policy,), robots=ROBOTS, episodes=EPISODES, steps=EPISODE_STEPS).run()
 
         _announce("robosim play", folder, f"--steps {EPISODE_STEPS} --save", recording)
         Play(str(folder), steps=EPISODE_STEPS, save=recording).run()

@@ -1,8 +1,9 @@
-"""`robosim evaluate`: measure a trained policy or a scripted controller."""
+"""`robosim evaluate`: measure trained policies and scripted controllers."""
 
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,14 +17,17 @@ if TYPE_CHECKING:
     from robosim.control.card import Evaluation
     from robosim.control.controller import Controller
     from robosim.envs.vector import VectorEnv
+    from robosim.experiments.standings import Standing
 
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Run whole episodes without exploration, and count the pellets delivered."""
+    """Run whole episodes without exploration, and count the pellets delivered, by one team or by several."""
 
-    policy: Annotated[str, tyro.conf.Positional]
-    """Trained policy by name, policy or run folder, or scripted controller by name."""
+    policy: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="POLICY...")]
+    """Trained policy by name, policy or run folder, or scripted controller by name. Several are shown in one
+    table with the 95 % intervals of their means; in equal arenas with equal team sizes they begin from the
+    same episodes."""
     arena: str | None = None
     """Arena by name, or the path of its file; by default the one a policy learned in, or `paper`."""
     robots: int | None = None
@@ -50,7 +54,6 @@ class Evaluate:
     def run(self) -> None:
         """Evaluate and print the figures."""
         from robosim.control.controller import make_controller
-        from robosim.control.environment import environment_for
         from robosim.control.evaluate import Watch, evaluate
         from robosim.envs.config import MOST_STEPS
         from robosim.envs.vector import MAX_SEED
@@ -63,19 +66,17 @@ class Evaluate:
             whole_number("--steps", self.steps, 1, MOST_STEPS)
         if self.json is not None:
             require_writable(self.json)
+        self._check_number_of_teams()
         monitor = self._monitor()
         self._check_robustness()
-        controller = make_controller(self.policy)
-        env = environment_for(
-            controller,
-            self.arena,
-            self.robots,
-            self.world,
-            num_envs=min(self.episodes, 16),
-            seed=self.seed,
-            episode_steps=self.steps,
-            profile=self.profile,
-        )
+        # All of them first: a mistake in the last name is to be said before the episodes of the others run.
+        teams = [
+            (controller, self._environment(controller)) for controller in map(make_controller, self.policy)
+        ]
+        if len(teams) > 1:
+            self._evaluate_several(teams)
+            return
+        ((controller, env),) = teams
         with episodes_shown(env, self.episodes) as shown:
             watch: list[Watch] = [monitor, shown] if monitor else [shown]
             result = evaluate(controller, env, self.episodes, self.seed, watch=watch)
@@ -86,6 +87,53 @@ class Evaluate:
             self._write_report(self.report, result, monitor)
         if self.robustness is not None:
             self._write_robustness(self.robustness, controller, env, result)
+
+    def _check_number_of_teams(self) -> None:
+        from robosim.errors import InputError
+
+        if not self.policy:
+            raise InputError("evaluate needs a team: give trained policies or scripted controllers.")
+        for option, folder in (("--report", self.report), ("--robustness", self.robustness)):
+            if folder is not None and len(self.policy) > 1:
+                raise InputError(
+                    f"{option} is about one team, but {len(self.policy)} are given: evaluate them one by one."
+                )
+
+    def _environment(self, controller: Controller) -> VectorEnv:
+        from robosim.control.environment import environment_for
+
+        return environment_for(
+            controller,
+            self.arena,
+            self.robots,
+            self.world,
+            num_envs=min(self.episodes, 16),
+            seed=self.seed,
+            episode_steps=self.steps,
+            profile=self.profile,
+        )
+
+    def _evaluate_several(self, teams: Sequence[tuple[Controller, VectorEnv]]) -> None:
+        """Evaluate one team after the other, and print and write what they did in one table."""
+        import json
+
+        from robosim.control.evaluate import evaluate
+        from robosim.experiments.standings import standing
+        from robosim.files import write_whole
+
+        for controller, env in teams:
+            # Does it fit? To be said of the last team, too, before the first one's episodes.
+            env.reset()
+            controller.reset(env)
+        standings = []
+        for controller, env in teams:
+            with episodes_shown(env, self.episodes) as shown:
+                result = evaluate(controller, env, self.episodes, self.seed, watch=[shown])
+            standings.append(standing(result))
+        print("\n".join(lines_of(standings)), flush=True)
+        if self.json is not None:
+            records = [one.as_record() for one in standings]
+            write_whole(self.json, json.dumps(records, indent=2, allow_nan=False) + "\n")
 
     def _check_robustness(self) -> None:
         """Say now, before the episodes run, what would keep the study from being written."""
@@ -152,9 +200,9 @@ class Evaluate:
         from robosim.control.controller import SCRIPTED
 
         # Without an arena, a policy takes the one on its card, which need not have a name here.
-        arena = self.arena or (evaluation.arena if self.policy in SCRIPTED else "")
+        arena = self.arena or (evaluation.arena if self.policy[0] in SCRIPTED else "")
         words = [
-            *("robosim", "evaluate", self.policy),
+            *("robosim", "evaluate", *self.policy),
             *(("--arena", arena) if arena else ()),
             *(("--world", self.world) if self.world else ()),
             *(("--profile", self.profile) if self.profile else ()),
@@ -165,6 +213,35 @@ class Evaluate:
             *("--report", "FOLDER"),
         ]
         return shlex.join(words)
+
+
+def lines_of(standings: Sequence[Standing]) -> list[str]:
+    """Return what several teams did as lines of text: a table, a row for each."""
+    from robosim.cli.tables import aligned, written
+
+    columns = ["team", "arena", "robots", "pellets per episode, 95 % interval", "collisions", "closest (m)"]
+    rows = [columns]
+    for one in standings:
+        what = one.evaluation
+        grid = " (grid world)" if what.world == "grid" else ""
+        closest = f"{min(what.closest):.4f}" if what.closest else "-"
+        rows.append(
+            [
+                what.controller,
+                f"{what.arena}{grid}",
+                str(what.robots),
+                written(one.pellets, 1),
+                written(one.collisions, 1),
+                closest,
+            ]
+        )
+    first = standings[0].evaluation
+    lengths = {one.evaluation.episode_steps for one in standings}
+    length = (
+        f"{first.episode_steps} decisions" if len(lengths) == 1 else "as many decisions as each arena says"
+    )
+    profile = f", profile {first.profile.name or 'without a name'}" if first.profile else ""
+    return [f"{first.episodes} episodes each of {length}, seed {first.seed}{profile}:", *aligned(rows)]
 
 
 def summary(evaluation: Evaluation) -> str:

@@ -193,9 +193,8 @@ def _runs_in(path: Path) -> list[Run]:
         return _runs_below(path)
     if not path.exists():
         raise InputError(f"{path}: there is no such file or folder.")
-    evaluation = _read_evaluation(path)
-    if evaluation is not None:
-        return [_evaluated(evaluation, str(path), technique=evaluation.controller, seed=evaluation.seed)]
+    if evaluations := read_evaluations(path):
+        return [_evaluated(one, str(path), technique=one.controller, seed=one.seed) for one in evaluations]
     results = read_results(path)
     if not results:
         raise InputError(f"{path}: there is no result in this file.")
@@ -226,9 +225,10 @@ def _read_folder(folder: Path) -> Run:
         why = "it was trained without" if (folder / RUN_RECORD).exists() else goes_on
         raise InputError(f"{folder}: this run has no evaluation ({EVALUATION_FILE}): {why}.")
     check_run(folder)
-    evaluation = _read_evaluation(path)
-    if evaluation is None:
+    evaluations = read_evaluations(path)
+    if len(evaluations) != 1:
         raise InputError(f"{path}: this is not the evaluation of a run.")
+    (evaluation,) = evaluations
     config = folder / CONFIG_FILE
     tables = read_toml(config, MOST_CONFIG)
     arena = _arena(str(_table(tables, "env", str(config)).get("arena", evaluation.arena)))
@@ -241,15 +241,20 @@ def _read_folder(folder: Path) -> Run:
     )
 
 
-def _read_evaluation(path: Path) -> Evaluation | None:
-    """Return the evaluation in a file; None where it is none, but may hold results."""
+def read_evaluations(path: Path) -> list[Evaluation]:
+    """Return the evaluations in a file that `robosim evaluate --json` wrote, of one team or of several.
+
+    Empty where it is no such file, but may hold results. InputError for one that is not whole.
+    """
     try:
-        table = parse_json(read_limited(path, MOST_BYTES))
+        found = parse_json(read_limited(path, MOST_BYTES))
     except ValueError:
-        return None
-    if not isinstance(table, dict) or "controller" not in table:
-        return None
-    return Evaluation.from_table(table, str(path))
+        return []
+    if isinstance(found, dict) and "controller" in found:
+        return [Evaluation.from_table(found, str(path))]
+    if isinstance(found, list) and all(isinstance(one, dict) and "evaluation" in one for one in found):
+        return [Evaluation.from_table(one["evaluation"], str(path)) for one in found]
+    return []
 
 
 def _read_curve(path: Path) -> Curve | None:

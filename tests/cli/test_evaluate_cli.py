@@ -1,5 +1,6 @@
 """`robosim evaluate` with and without a report."""
 
+import itertools
 import json
 import os
 import resource
@@ -7,9 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from robosim.cli.main import main
+from robosim.experiments.runs import read_runs
 
 SHORT = ["evaluate", "lanes", "--arena", "paper", "--robots", "2", "--episodes", "2", "--steps", "20"]
 
@@ -124,3 +127,70 @@ def test_equal_commands_write_equal_bytes_in_any_process(tmp_path):
     )
     assert first == second
     assert len(first) == 28
+
+
+SEVERAL = ["--arena", "paper", "--robots", "2", "--episodes", "3", "--steps", "200"]
+
+
+def test_several_teams_stand_in_one_table_with_what_each_does_alone(tmp_path, capsys):
+    teams = ["active", "paper-2", "random"]
+    for team in teams:
+        assert main(["evaluate", team, *SEVERAL, "--json", str(tmp_path / f"{team}.json")]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", *teams, *SEVERAL, "--json", str(tmp_path / "all.json")]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0] == "3 episodes each of 200 decisions, seed 0:"
+    assert shown[1].split("  ")[1].strip() == "team"
+    assert [line.split()[:3] for line in shown[2:]] == [[team, "paper", "2"] for team in teams]
+    records = json.loads((tmp_path / "all.json").read_text())
+    for team, record, line in zip(teams, records, shown[2:], strict=True):
+        alone = json.loads((tmp_path / f"{team}.json").read_text())
+        assert record["evaluation"] == alone
+        totals = [sum(episode) for episode in alone["delivered"]]
+        figures = record["pellets"]
+        assert figures["value"] == pytest.approx(np.mean(totals))
+        # Of the 27 equally likely ways to draw three episodes, the extremes are each more than 2.5 %.
+        ways = np.mean(list(itertools.product(totals, repeat=3)), axis=1)
+        assert (figures["low"], figures["high"]) == pytest.approx((ways.min(), ways.max()))
+        assert f"{figures['value']:.1f} [{figures['low']:.1f}, {figures['high']:.1f}]" in line
+    assert len({tuple(map(str, record["pellets"].values())) for record in records}) > 1
+    runs = read_runs([tmp_path / "all.json"])
+    assert [(run.technique, run.figures["pellets"]) for run in runs] == [
+        (team, tuple(sum(episode) for episode in record["evaluation"]["delivered"]))
+        for team, record in zip(teams, records, strict=True)
+    ]
+
+
+def test_few_episodes_have_no_interval_and_teams_may_differ_in_arena_and_size(capsys):
+    assert main(["evaluate", "paper-2", "three-wide-4", "--episodes", "1", "--steps", "10"]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert [line.split()[:4] for line in shown[2:]] == [
+        ["paper-2", "paper", "2", "0.0"],
+        ["three-wide-4", "three-wide", "4", "0.0"],
+    ]
+    assert "[" not in "".join(shown)
+
+
+@pytest.mark.parametrize(
+    ("teams", "sentence"),
+    [
+        ([], "evaluate needs a team: give trained policies or scripted controllers."),
+        (
+            ["lanes", "active", "--report", "out"],
+            "--report is about one team, but 2 are given: evaluate them one by one.",
+        ),
+        (
+            ["lanes", "active", "random", "--robustness", "out"],
+            "--robustness is about one team, but 3 are given: evaluate them one by one.",
+        ),
+        (["lanes", "nobody"], "no policy is named 'nobody', and there is no such folder: did you mean any?"),
+        (
+            ["lanes", "paper-4-smadrl", "--robots", "2"],
+            "policy paper-4-smadrl does not fit arena 'paper': robots was 4 in training and is 2 here.",
+        ),
+    ],
+)
+def test_a_mistake_in_any_of_several_is_said_before_an_episode_runs(teams, sentence, monkeypatch, capsys):
+    monkeypatch.setattr("robosim.control.evaluate.evaluate", lambda *_, **__: pytest.fail("an episode ran"))
+    assert main(["evaluate", *teams]) == 2
+    assert capsys.readouterr().err == f"robosim: {sentence}\n"
