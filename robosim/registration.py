@@ -1,4 +1,4 @@
-"""Makes `robosim/Excavation-v0` known to Gymnasium, without importing Gymnasium for it.
+"""Makes `robosim/Excavation-v0` and `robosim/ExcavationTeam-v0` known to Gymnasium, without importing it.
 
 Gymnasium asks nobody for environments, so they must be registered; and a robot's computer, which imports
 robosim too, does without Gymnasium.
@@ -14,6 +14,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 
 _GYMNASIUM = "gymnasium"
+_BATCHED = "robosim.envs.gym_vector:ExcavationVectorEnv"
 
 
 def register_with_gymnasium() -> None:
@@ -51,5 +52,13 @@ def _register() -> None:
     gymnasium.register(
         id="robosim/Excavation-v0",
         entry_point="robosim.envs.gym_env:ExcavationEnv",
+        vector_entry_point=_BATCHED,
         order_enforce=False,  # the environment's own sentences say more
+    )
+    # Of a batch alone: what one of its rows does is no environment by itself.
+    gymnasium.register(
+        id="robosim/ExcavationTeam-v0",
+        entry_point=None,
+        vector_entry_point=_BATCHED,
+        kwargs={"others": None},
     )

@@ -7,7 +7,6 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box, Discrete
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena
@@ -16,6 +15,7 @@ from robosim.envs.actions import checked_action
 from robosim.envs.config import EnvConfig
 from robosim.envs.render import RENDER_MODES, checked_render_mode, render_metadata
 from robosim.envs.seeding import EpisodeSeed
+from robosim.envs.spaces import robot_spaces
 from robosim.envs.vector import VectorEnv
 from robosim.envs.window import Screen
 from robosim.errors import InputError, refused
@@ -49,12 +49,9 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
             fields.setdefault("reward", "local")
         self._batch = VectorEnv(arena, num_envs=1, autoreset=False, **fields)
         self._seed = EpisodeSeed(self._batch)
-        if not isinstance(others, str | Path) and not (hasattr(others, "reset") and hasattr(others, "act")):
-            raise refused("others", others, "a name, a path or a controller")
-        self._others = make_controller(others) if isinstance(others, str | Path) else others
+        self._others = driver_of(others)
         layout = self._batch.layout
-        self.observation_space = Box(layout.low, layout.high, dtype=np.float32)
-        self.action_space = Discrete(self._batch.num_actions)
+        self.observation_space, self.action_space = robot_spaces(layout)
         self._observation = np.zeros((1, self._batch.robots, layout.size), dtype=np.float32)
         self._under_way = False
         self.metadata = render_metadata(self._batch.arena)
@@ -116,3 +113,15 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
             "team_delivered": int(delivered.sum()),
             "seed": self._seed.seed,
         }
+
+
+def driver_of(others: object) -> Controller:
+    """Return what drives the robots that are not the learner's: a controller, or one by its name or path.
+
+    InputError for anything else.
+    """
+    if isinstance(others, str | Path):
+        return make_controller(others)
+    if not (hasattr(others, "reset") and hasattr(others, "act")):
+        raise refused("others", others, "a name, a path or a controller")
+    return others  # type: ignore[return-value]  # it has what a controller has

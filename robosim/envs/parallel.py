@@ -16,6 +16,7 @@ from robosim.envs.actions import checked_action
 from robosim.envs.config import EnvConfig
 from robosim.envs.render import RENDER_MODES, checked_render_mode, render_metadata
 from robosim.envs.seeding import EpisodeSeed
+from robosim.envs.spaces import robot_spaces
 from robosim.envs.vector import VectorEnv
 from robosim.envs.window import Screen
 from robosim.errors import InputError, printable
@@ -53,10 +54,9 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
         layout, robots = self._batch.layout, self._batch.robots
         self.possible_agents = [f"robot_{robot}" for robot in range(robots)]
         self.agents: list[str] = []
-        self.observation_spaces = {
-            agent: Box(layout.low, layout.high, dtype=np.float32) for agent in self.possible_agents
-        }
-        self.action_spaces = {agent: Discrete(self._batch.num_actions) for agent in self.possible_agents}
+        spaces = {agent: robot_spaces(layout) for agent in self.possible_agents}
+        self.observation_spaces = {agent: seen for agent, (seen, _) in spaces.items()}
+        self.action_spaces = {agent: done for agent, (_, done) in spaces.items()}
         self.state_space = Box(np.tile(layout.low, robots), np.tile(layout.high, robots), dtype=np.float32)
         self._observation = np.zeros((robots, layout.size), dtype=np.float32)
         self.metadata = {**self.metadata, **render_metadata(self._batch.arena)}

@@ -1,4 +1,4 @@
-"""Seeds of the faces with one environment, as Gymnasium and PettingZoo mean them."""
+"""Seeds of the faces, as Gymnasium and PettingZoo mean them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,11 @@ from robosim.errors import whole_number
 
 _BITS = 63
 """Of a seed that nobody has given."""
+
+
+def fresh_seed() -> int:
+    """Return a seed from the machine's entropy, for an environment to which nobody has given one."""
+    return secrets.randbits(_BITS)
 
 
 class EpisodeSeed:
@@ -31,7 +36,7 @@ class EpisodeSeed:
         """
         if seed is None and self.seed is not None:
             return self._env.reset()
-        drawn = secrets.randbits(_BITS) if seed is None else whole_number("seed", seed, 0, MAX_SEED)
+        drawn = fresh_seed() if seed is None else whole_number("seed", seed, 0, MAX_SEED)
         observation = self._env.reset(drawn)
         self.seed = drawn
         return observation
