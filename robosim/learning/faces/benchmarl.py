@@ -1,7 +1,6 @@
 """The BenchMARL task: teams of excavating robots for every algorithm of BenchMARL.
 
-BenchMARL 1.5 needs torchrl below 0.12, on which the batched environment of `robosim.learning.faces.torchrl` runs,
-too.
+BenchMARL 1.5 needs torchrl below 0.12; `robosim.learning.faces.torchrl` runs on that as on newer ones.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from robosim.learning.faces.torchrl import GROUP, ExcavationTorchEnv
 
 
 class ExcavationTask(TaskClass):  # type: ignore[misc]  # benchmarl ships no types
-    """A team in an arena, as `Experiment` takes it: `Experiment(task=ExcavationTask("paper", robots=4), ...)`.
+    """A team in an arena, for BenchMARL's `Experiment(task=ExcavationTask("paper", robots=4), ...)`.
 
-    `arena` and `fields` are those of `robosim.envs.config.env_config`. Environments run as one batch. Beside what
-    BenchMARL logs, it logs `collection/delivered`, the pellets that a team brings home in an episode. InputError for wrong
-    fields.
+    `arena` and `fields` are those of `robosim.envs.config.env_config`. Environments run as one batch. Beside
+    what BenchMARL logs, it logs `collection/delivered`, the pellets that a team brings home in an episode.
+    InputError for wrong fields.
     """
 
     def __init__(self, arena: EnvConfig | Arena | str | Path | None = None, **fields: Any) -> None:
