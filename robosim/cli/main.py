@@ -25,6 +25,7 @@ from robosim.cli.deploy import Deploy
 from robosim.cli.evaluate import Evaluate
 from robosim.cli.export import Export
 from robosim.cli.extras import missing_extra
+from robosim.cli.leaderboard import Leaderboard
 from robosim.cli.play import Play
 from robosim.cli.policy import Policy
 from robosim.cli.sweep import Sweep
@@ -40,7 +41,19 @@ _NO_FILE = {errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EILSEQ}
 """Of errors, what no path can be: where a path is only looked at, nobody else says it."""
 
 Subcommand = (
-    Demo | Arena | Train | Evaluate | Sweep | Compare | Play | View | Policy | Export | Deploy | Bench
+    Demo
+    | Arena
+    | Train
+    | Evaluate
+    | Sweep
+    | Compare
+    | Leaderboard
+    | Play
+    | View
+    | Policy
+    | Export
+    | Deploy
+    | Bench
 )
 """A parsed command line, ready to run."""
 
@@ -150,6 +163,7 @@ def _commands(train: type[Train]) -> dict[str, Any]:
         "evaluate": Evaluate,
         "sweep": Sweep,
         "compare": Compare,
+        "leaderboard": Leaderboard,
         "play": Play,
         "view": View,
         "policy": Policy,

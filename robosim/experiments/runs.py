@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena import Arena, load_arena
-from robosim.control.card import MOST_BYTES, Evaluation
+from robosim.control.card import MOST_BYTES, Evaluation, PolicyCard
 from robosim.control.policy import RUN_RECORD, check_run
 from robosim.envs.config import MOST_CONFIG, MOST_STEPS, EnvConfig
 from robosim.envs.profile import CHANGED, ProfileConfig, load_profile
@@ -128,8 +128,7 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
     profiles, of one name.
     """
     runs = name_systems([run for path in paths for run in _runs_in(path)])
-    _require_same("arenas", runs, lambda run: (run.task.arena, run.map))
-    _require_same("profiles", runs, lambda run: (run.task.profile, run.profile))
+    require_same_tasks(runs)
     _require_same("profiles", runs, lambda run: (str(run.options.get("profile")), run.learned_under))
     found: dict[tuple[str, Task, int], Run] = {}
     for run in runs:
@@ -140,6 +139,21 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
                 "but with other results: give one of them."
             )
     return sorted(found.values(), key=lambda run: (run.task, run.system, run.seed))
+
+
+def shipped_run(name: str, card: PolicyCard) -> Run | None:
+    """Return the evaluation of a policy that ships as a run; None where its card has none."""
+    if card.evaluation is None:
+        return None
+    seed, text = card.training.seed, card.env.arena
+    run = _evaluated(card.evaluation, f"policies/{name}", technique=name, seed=seed, map=text, system=name)
+    return replace(run, options={"steps": card.training.steps})
+
+
+def require_same_tasks(runs: Sequence[Run]) -> None:
+    """Raise InputError where two different arenas, or two profiles, go by one name."""
+    _require_same("arenas", runs, lambda run: (run.task.arena, run.map))
+    _require_same("profiles", runs, lambda run: (run.task.profile, run.profile))
 
 
 def name_systems(runs: Sequence[Run]) -> list[Run]:

@@ -1,0 +1,103 @@
+"""`robosim leaderboard`: what methods deliver, by arena and team size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from robosim.cli.tables import aligned, markdown, written
+from robosim.errors import InputError, nearest_names, shown
+
+if TYPE_CHECKING:
+    from robosim.experiments.leaderboard import Entry
+    from robosim.experiments.leaderboard import Leaderboard as Board
+
+_COLUMNS = ("rank", "method", "kind", "seeds", "learned", "pellets, 95 % interval", "of lanes", "from")
+
+
+@dataclass(frozen=True)
+class Leaderboard:
+    """Rank methods by the pellets that their teams deliver: arena by arena, team size by team size."""
+
+    records: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE...")] = ()
+    """Results of your own, beside those of robosim: files of sweeps, run folders or folders with some below
+    them, files of `evaluate --json`."""
+    arena: str | None = None
+    """Only this arena, by its name in the records."""
+    robots: int | None = None
+    """Only teams of this size."""
+    markdown: bool = False
+    """Print the tables as Markdown."""
+    json: Path | None = None
+    """File to write all numbers to."""
+
+    def run(self) -> None:
+        """Read all records and cards, and print a table for each task."""
+        import json
+
+        from robosim.control.card import read_card
+        from robosim.control.policy import CARD_FILE, find_policy, policy_names
+        from robosim.experiments.leaderboard import Leaderboard as Board
+        from robosim.experiments.leaderboard import committed_records, leaderboard
+        from robosim.files import require_writable, write_whole
+
+        if self.json is not None:
+            require_writable(self.json)
+        policies = {name: read_card(find_policy(name) / CARD_FILE) for name in policy_names()}
+        own = committed_records()
+        board = leaderboard(own, policies, self.records)
+        notes = list(board.notes)
+        if not own:
+            notes.append(
+                "This installation has no records of robosim's own runs: a checkout has, in docs/results."
+            )
+        asked = [entry for entry in board.entries if self._asked(entry)]
+        if not asked:
+            raise InputError(self._nothing(board.entries))
+        board = Board(asked, notes)
+        print("\n".join(lines_of(board, self.markdown)))
+        if self.json is not None:
+            write_whole(self.json, json.dumps(board.as_record(), indent=2, allow_nan=False) + "\n")
+
+    def _asked(self, entry: Entry) -> bool:
+        arena = self.arena is None or entry.task.arena == self.arena
+        return arena and (self.robots is None or entry.task.robots == self.robots)
+
+    def _nothing(self, entries: Sequence[Entry]) -> str:
+        """Return why there is no entry: for which arena, or which team size in it, there is none."""
+        arenas = {entry.task.arena for entry in entries}
+        if not arenas:
+            return "there is no record and no policy: give --records."
+        if self.arena is not None and self.arena not in arenas:
+            return f"--arena: there is no entry for {shown(self.arena)}: {nearest_names(self.arena, arenas)}"
+        sizes = sorted({one.task.robots for one in entries if self.arena in (None, one.task.arena)})
+        return f"--robots is {self.robots}, but there are entries for {', '.join(map(str, sizes))} alone."
+
+
+def lines_of(board: Board, in_markdown: bool = False) -> list[str]:
+    """Return the leaderboard as lines of text: a table for each task, then notes."""
+    lines: list[str] = []
+    for task, entries in board.by_task():
+        rows = [_COLUMNS, *map(_cells, entries)]
+        if in_markdown:
+            lines += [f"## {task}", "", *markdown(rows), ""]
+        else:
+            lines += [f"{task}:", *aligned(rows), ""]
+    return [*lines, *board.notes] if board.notes else lines[:-1]
+
+
+def _cells(entry: Entry) -> tuple[str, ...]:
+    return (
+        "-" if entry.rank is None else str(entry.rank),
+        entry.method,
+        entry.kind,
+        str(entry.seeds),
+        "-" if entry.steps is None else f"{entry.steps:,}",
+        written(entry.pellets, 1),
+        "-" if entry.share is None else f"{entry.share:.2f}",
+        entry.source,
+    )

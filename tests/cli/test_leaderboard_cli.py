@@ -1,0 +1,61 @@
+"""`robosim leaderboard`: tables, those asked for, and a page of docs that is what it prints."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from robosim.cli.main import main
+
+PAGE = Path(__file__).parents[2] / "docs" / "leaderboard.md"
+
+
+def test_the_page_is_what_the_command_prints(capsys):
+    assert main(["leaderboard", "--markdown"]) == 0
+    assert PAGE.read_text(encoding="utf-8").endswith(f"\n\n{capsys.readouterr().out}")
+
+
+def test_an_evaluation_of_ones_own_stands_among_those_asked_for(tmp_path, capsys):
+    mine, out = tmp_path / "mine.json", tmp_path / "board.json"
+    command = [
+        "evaluate",
+        "random",
+        "--arena",
+        "single-lane",
+        "--robots",
+        "2",
+        "--episodes",
+        "3",
+        "--steps",
+        "5",
+    ]
+    assert main([*command, "--json", str(mine)]) == 0
+    capsys.readouterr()
+    options = ["--records", str(mine), "--arena", "single-lane", "--robots", "2", "--json", str(out)]
+    assert main(["leaderboard", *options]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0] == "single-lane, 2 robots, episodes of 5 decisions:"
+    assert shown[2].split() == ["1", "random", "scripted", "1", "-", "0.0", "[0.0,", "0.0]", "-", "mine.json"]
+    assert shown[4].startswith("single-lane, 2 robots, episodes of ")
+    assert shown[6].split()[:2] == ["-", "single-lane-2"]
+    entries = json.loads(out.read_text())["entries"]
+    assert [(one["method"], one["source"]) for one in entries] == [
+        ("random", "mine.json"),
+        ("single-lane-2", "robosim"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--arena", "papr"], '--arena: there is no entry for "papr": did you mean paper or paper-grid?'),
+        (
+            ["--arena", "single-lane", "--robots", "9"],
+            "--robots is 9, but there are entries for 2 alone.",
+        ),
+        (["--records", "nowhere.jsonl"], "nowhere.jsonl: there is no such file or folder."),
+    ],
+)
+def test_what_there_is_not_is_a_sentence(options, sentence, capsys):
+    assert main(["leaderboard", *options]) == 2
+    assert capsys.readouterr() == ("", f"robosim: {sentence}\n")

@@ -1,0 +1,106 @@
+"""The leaderboard: who is ranked, by what, and who stands beside."""
+
+import numpy as np
+import pytest
+
+from robosim.control.card import fingerprint, read_card
+from robosim.control.policy import CARD_FILE, find_policy
+from robosim.errors import InputError
+from robosim.experiments.leaderboard import committed_records, leaderboard
+from robosim.experiments.runs import Task, read_runs
+from robosim.experiments.statistics import estimate, interquartile_mean, mean
+from tests.experiments.made import evaluation, folder, result
+
+TASK = Task("paper", "grid", 300, 2)
+
+
+@pytest.fixture
+def records(tmp_path):
+    """A sweep's results: two techniques, one of them in two ways, and lanes; a single seed of another."""
+    path = tmp_path / "ours.results.jsonl"
+    for seed, pellets in enumerate((20, 22, 21, 19)):
+        result(path, "lanes", seed, [pellets, pellets], learned=False)
+    for seed, pellets in enumerate((30, 20, 25)):
+        result(path, "ps-dqn", seed, [pellets, pellets + 2], steps=400)
+        result(path, "ps-dqn", seed, [pellets - 9, pellets - 9], steps=400, learning_rate=0.1, discount=0.5)
+        result(path, "iql", seed, [pellets + 30, 0], steps=800)
+    result(path, "vdn", 0, [99, 99])
+    return path
+
+
+def rows(board, task=TASK):
+    return {entry.method: entry for entry in dict(board.by_task())[task]}
+
+
+def test_methods_are_ranked_by_the_interquartile_mean_over_their_seeds(records):
+    board = leaderboard([records], {})
+    found = rows(board)
+    assert list(found) == ["iql", "ps-dqn learning_rate=0.001", "lanes", "ps-dqn learning_rate=0.1"]
+    assert [entry.rank for entry in found.values()] == [1, 2, 3, 4]
+    best = found["ps-dqn learning_rate=0.001"]
+    assert best.pellets == estimate(interquartile_mean, np.array([31.0, 21.0, 26.0]))
+    assert (best.kind, best.seeds, best.episodes, best.steps, best.source) == (
+        "trained",
+        3,
+        6,
+        400,
+        "robosim",
+    )
+    assert best.share == best.pellets.value / found["lanes"].pellets.value
+    assert (found["lanes"].kind, found["lanes"].steps, found["lanes"].share) == ("scripted", None, 1.0)
+    assert found["iql"].steps == 800
+    assert board.notes == ["1 runs are left out: of their systems there are fewer than 3 seeds."]
+
+
+def test_those_of_others_are_ranked_among_ours_and_one_team_stands_beside(records, tmp_path):
+    theirs, runs, team = tmp_path / "theirs.jsonl", tmp_path / "runs", tmp_path / "team.json"
+    for seed in range(3):
+        # The same technique, options and seeds as ours, with other results: from another machine, say.
+        result(theirs, "ps-dqn", seed, [40, 42], steps=400)
+        folder(runs / str(seed), "pqn", seed, [5, 7])
+    team.write_text(evaluation([60, 66, 63], controller="mine").model_dump_json())
+    board = leaderboard([records], {}, [theirs, runs, team])
+    order = [(entry.rank, entry.method, entry.source, entry.kind) for entry in board.entries]
+    assert order == [
+        (None, "mine", "team.json", "one team"),
+        (1, "ps-dqn", "theirs.jsonl", "trained"),
+        (2, "iql", "robosim", "trained"),
+        (3, "ps-dqn learning_rate=0.001", "robosim", "trained"),
+        (4, "lanes", "robosim", "scripted"),
+        (5, "ps-dqn learning_rate=0.1", "robosim", "trained"),
+        (6, "pqn", "runs", "trained"),
+    ]
+    assert board.entries[0].pellets == estimate(mean, np.array([60.0, 66.0, 63.0]))
+
+
+def test_a_policy_that_ships_stands_beside_with_the_share_on_its_card():
+    card = read_card(find_policy("paper-4") / CARD_FILE)
+    (entry,) = leaderboard([], {"paper-4": card, "none": card.changed(evaluation=None)}).entries
+    assert (entry.rank, entry.method, entry.kind) == (None, "paper-4", "one team")
+    assert entry.steps == card.training.steps
+    assert entry.pellets.value == pytest.approx(card.evaluation.mean)
+    assert entry.share == pytest.approx(card.share)
+
+
+def test_an_arena_of_another_text_under_the_same_name_is_refused(records, tmp_path):
+    card = read_card(find_policy("paper-4") / CARD_FILE)
+    text = card.env.arena + "# mine\n"
+    known = card.arena.changed(sha256=fingerprint(text))
+    other = card.changed(env=card.env.changed(arena=text), arena=known)
+    with pytest.raises(InputError, match='two different arenas named "paper": they cannot be compared'):
+        leaderboard([records], {"mine": other})
+
+
+def test_the_committed_records_hold_what_the_board_says_of_them():
+    board = leaderboard(committed_records(), {})
+    runs = read_runs(committed_records())
+    task = Task("paper", "physics", 5000, 8)
+    entry = rows(board, task)["ps-pqn"]
+    scores = [run.score("pellets") for run in runs if run.task == task and run.technique == "ps-pqn"]
+    assert entry.pellets.value == pytest.approx(sum(scores) / 3)
+    for _, entries in board.by_task():
+        ranks = [entry.rank for entry in entries]
+        assert ranks == list(range(1, len(ranks) + 1))
+        values = [entry.pellets.value for entry in entries]
+        assert values == sorted(values, reverse=True)
+        assert min(entry.seeds for entry in entries) >= 3
