@@ -60,7 +60,7 @@ def test_every_dependency_is_pinned() -> None:
     lines = (ROOT / "constraints.txt").read_text().splitlines()
     pinned = {line.split("==")[0].lower().replace("_", "-") for line in lines if not line.startswith("#")}
     names = {name_of(requirement).lower().replace("_", "-") for requirement in wanted}
-    assert names - {"robosim"} <= pinned
+    assert names - {project["name"]} <= pinned
 
 
 def name_of(requirement: str) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import robosim
 from robosim.errors import InputError, printable, shown
 from robosim.files import append_line
 from robosim.texts import parse_json, read_text
@@ -23,7 +24,7 @@ _MOST_BYTES = 1_000_000_000
 """Of a file of results."""
 _WHOLE = 10**15
 """From here on, floats do not hold every whole number."""
-_PACKAGES = ("robosim", "numpy", "pymunk", "torch")
+_PACKAGES = ("numpy", "pymunk", "torch")
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +110,7 @@ def _numbers(rows: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]
 @cache
 def this_machine() -> dict[str, str]:
     """Return on what this process runs: processor, platform, and versions of what numbers depend on."""
-    versions = {}
+    versions = {"robosim": robosim.__version__}
     for package in _PACKAGES:
         try:
             versions[package] = version(package)

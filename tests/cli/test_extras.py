@@ -107,7 +107,7 @@ def test_all_is_every_extra_but_the_cluster_and_each_brings_what_is_said_of_it()
         extra: {requirement.split(">")[0].split("~")[0] for requirement in extras[extra]} for extra in extras
     }
     # Ray is large, and one machine does without it.
-    assert names["all"] == {f"robosim[{','.join(extra for extra in EXTRAS if extra != 'cluster')}]"}
+    assert names["all"] == {f"robosim-swarm[{','.join(extra for extra in EXTRAS if extra != 'cluster')}]"}
     packages = {
         "tomli_w": "tomli-w",
         "rerun": "rerun-sdk",
