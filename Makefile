@@ -8,13 +8,15 @@ SHELL := /bin/bash
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help venv demo deploy-demo test test-slow lint clean
+.PHONY: help venv demo deploy-demo test test-slow test-all coverage lint clean
 
 help:
 	@echo "make demo    train a small team, evaluate it, record a playback (a few minutes)"
 	@echo "make deploy-demo  eight robots, each a process of its own, live in the viewer (three minutes)"
 	@echo "make test    run the tests"
 	@echo "make test-slow  the tests that take long"
+	@echo "make test-all   both"
+	@echo "make coverage   the tests, and which lines they do not reach"
 	@echo "make lint    ruff, mypy, import-linter"
 	@echo "make venv    only set up $(VENV)"
 	@echo "make clean   remove $(VENV) and what the tools left"
@@ -43,6 +45,12 @@ test: $(STAMP)
 test-slow: $(STAMP)
 	@$(BIN)/python -m pytest --quiet -n $(WORKERS) -m slow
 
+test-all: $(STAMP)
+	@$(BIN)/python -m pytest --quiet -n $(WORKERS) -m "slow or not slow"
+
+coverage: $(STAMP)
+	@$(BIN)/python -m pytest --quiet -n $(WORKERS) --cov
+
 lint: $(STAMP)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
@@ -50,4 +58,4 @@ lint: $(STAMP)
 	@$(BIN)/lint-imports
 
 clean:
-	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis .coverage*
