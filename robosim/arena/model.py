@@ -161,3 +161,8 @@ class Arena:
     def size(self) -> tuple[float, float]:
         """(width, height), m."""
         return self.columns * self.cell_size, self.rows * self.cell_size
+
+    def _repr_html_(self) -> str:
+        from robosim.arena.picture import arena_html
+
+        return arena_html(self)

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from robosim.arena.model import Arena
 from robosim.arena.schema import RobotSection, TimingSection
+from robosim.control.html import evaluation_html
 from robosim.control.network import NetworkSpec, Weights, check_weights
 from robosim.discretise.observation import MoveGains, gain_columns
 from robosim.envs.config import EnvConfig
@@ -187,6 +188,9 @@ class Evaluation(Record):
             )
             for name in dict.fromkeys(names)
         )
+
+    def _repr_html_(self) -> str:
+        return evaluation_html(self)
 
     @model_validator(mode="after")
     def _check_sizes(self) -> Self:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.shipped import shipped_folder
 from robosim.control.card import MOST_BYTES, PolicyCard, card_text, read_card
+from robosim.control.html import policy_html
 from robosim.control.network import Networks, Weights, check_weights
 from robosim.errors import InputError, nearest_names, printable, shown
 from robosim.errors import name_or_path as text_of
@@ -69,6 +70,9 @@ class Policy:
     def values(self, observation: ArrayLike) -> NDArray[np.float32]:
         """Return what the networks put out, as `Networks.outputs` does; errors as in `act`."""
         return self._networks.outputs(self._checked(observation))
+
+    def _repr_html_(self) -> str:
+        return policy_html(self)
 
     def _checked(self, observation: ArrayLike) -> NDArray[np.float32]:
         size = len(self.card.observation)

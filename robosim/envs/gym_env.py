@@ -57,6 +57,9 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
         self.metadata = render_metadata(self._batch.arena)
         self._screen = Screen(self._batch, render_mode)
 
+    def _repr_html_(self) -> str:
+        return self._batch._repr_html_()
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:

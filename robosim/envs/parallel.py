@@ -62,6 +62,9 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
         self.metadata = {**self.metadata, **render_metadata(self._batch.arena)}
         self._screen = Screen(self._batch, render_mode)
 
+    def _repr_html_(self) -> str:
+        return self._batch._repr_html_()
+
     def observation_space(self, agent: str) -> Box:
         return self.observation_spaces[self._known(agent)]
 

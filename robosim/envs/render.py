@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.arena.model import Arena, Zone
+from robosim.arena.picture import ZONE_COLOURS, Colour
 from robosim.episodes.frame import Frame
 from robosim.errors import refused, shown
 from robosim.robot.sheet import RobotSheet
@@ -19,7 +20,6 @@ _Canvas = NDArray[np.float32]
 _Floats = NDArray[np.float64]
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
-Colour = tuple[int, int, int]
 # Blue goes out for a pellet, green comes home with one, and red is what should not be.
 MODES: tuple[Colour, ...] = (
     (29, 105, 214),
@@ -31,14 +31,6 @@ MODES: tuple[Colour, ...] = (
     (222, 32, 38),
 )
 """In the order of `robosim.discretise.modes.Mode`."""
-ZONES: dict[Zone, Colour] = {
-    Zone.WALL: (74, 80, 92),
-    Zone.FLOOR: (240, 240, 236),
-    Zone.HOME: (212, 236, 214),
-    Zone.SOURCE: (246, 224, 196),
-    Zone.TUNNEL: (218, 226, 238),
-    Zone.HANDOVER: (238, 218, 236),
-}
 LOOSE_PELLET: Colour = (121, 85, 58)
 HELD_PELLET: Colour = (255, 128, 0)
 OUTLINE: Colour = (24, 26, 32)
@@ -175,7 +167,7 @@ def checked_render_mode(mode: str | None, metadata: Mapping[str, Any]) -> str | 
 def _empty_arena(arena: Arena, cell_pixels: int) -> _Canvas:
     colours = np.zeros((len(Zone), 3), dtype=np.float32)
     for zone in Zone:
-        colours[zone] = ZONES[zone]
+        colours[zone] = ZONE_COLOURS[zone]
     canvas = colours[_to_pixels(arena.zones, cell_pixels)]
     # A faint grid lets one count cells.
     floor = _to_pixels(arena.zones != Zone.WALL, cell_pixels)

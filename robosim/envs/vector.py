@@ -339,6 +339,11 @@ class VectorEnv:
             raise InputError(f"{what}: no episode has begun; call reset first.")
         return whole_number(f"{what}: env", env, 0, self.num_envs - 1)
 
+    def _repr_html_(self) -> str:
+        from robosim.envs.picture import moment_html
+
+        return moment_html(self)
+
     def seeds_from(self, seed: int | Sequence[int]) -> tuple[int, ...]:
         """Return the seed of each environment, for one number or one each; InputError for anything else."""
         return env_seeds(seed, self.num_envs)

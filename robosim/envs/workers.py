@@ -123,6 +123,11 @@ class WorkerVectorEnv:
         with self._exchange():
             self._answers()
 
+    def _repr_html_(self) -> str:
+        from robosim.envs.picture import environment_html
+
+        return environment_html(self)
+
     def reset(self, seed: int | Sequence[int] | None = None) -> NDArray[np.float32]:
         """Begin an episode in every environment; returns the observations [envs, robots, size]."""
         seeds = None if seed is None else self.seeds_from(seed)

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 import robosim
 from robosim.arena import Arena
-from robosim.envs.render import HELD_PELLET, LOOSE_PELLET, MODES, ZONES, Painter, outline_distance
+from robosim.arena.picture import ZONE_COLOURS
+from robosim.envs.render import HELD_PELLET, LOOSE_PELLET, MODES, Painter, outline_distance
 from robosim.episodes.frame import Frame
 from robosim.robot.sheet import RobotSheet
 
@@ -48,7 +49,7 @@ def test_north_is_up_and_every_zone_has_its_colour(arena: Arena, frame: Frame) -
     for row in range(arena.rows):
         for column in range(arena.columns):
             x, y = (column + 0.5) * arena.cell_size, (row + 0.5) * arena.cell_size
-            assert colour_at(picture, arena, x, y) == ZONES[arena.zones[row, column]]
+            assert colour_at(picture, arena, x, y) == ZONE_COLOURS[arena.zones[row, column]]
 
 
 @pytest.mark.parametrize("mode", range(7))
@@ -90,7 +91,7 @@ def test_pheromone_darkens_the_floor_and_leaves_walls_alone(arena: Arena, frame:
     )
     clean = Painter(arena).draw(replace(empty, pheromone=np.zeros_like(frame.pheromone)))
     marked = Painter(arena).draw(replace(empty, pheromone=np.ones_like(frame.pheromone)))
-    wall = (clean == ZONES[0]).all(axis=2)
+    wall = (clean == ZONE_COLOURS[0]).all(axis=2)
     assert np.array_equal(clean[wall], marked[wall])
     assert (marked[~wall].sum(axis=1) < clean[~wall].sum(axis=1)).all()
 
