@@ -8,7 +8,7 @@ SHELL := /bin/bash
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help venv demo deploy-demo test test-slow test-all coverage lint clean
+.PHONY: help venv demo deploy-demo test test-slow test-all coverage lint docs clean
 
 help:
 	@echo "make demo    train a small team, evaluate it, record a playback (a few minutes)"
@@ -18,6 +18,7 @@ help:
 	@echo "make test-all   both"
 	@echo "make coverage   the tests, and which lines they do not reach"
 	@echo "make lint    ruff, mypy, import-linter"
+	@echo "make docs    the site of docs/, into site/; a warning is an error"
 	@echo "make venv    only set up $(VENV)"
 	@echo "make clean   remove $(VENV) and what the tools left"
 
@@ -57,5 +58,14 @@ lint: $(STAMP)
 	@$(BIN)/mypy robosim
 	@$(BIN)/lint-imports
 
+docs: $(VENV)/.docs-installed
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "site/index.html; with the search: $(BIN)/python -m http.server --bind 127.0.0.1 --directory site"
+
+$(VENV)/.docs-installed: $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		--constraint constraints.txt --editable '.[docs]'
+	@touch $@
+
 clean:
-	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis .coverage*
+	rm -rf $(VENV) build dist site .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis .coverage*

@@ -24,6 +24,9 @@ class Rendered(NamedTuple):
     width: float
     """Inches."""
 
+    def _repr_png_(self) -> bytes:
+        return self.png
+
 
 def render(figure: Figure) -> Rendered:
     """Return a figure as PNG and SVG, without date or version: equal figures give equal bytes."""
