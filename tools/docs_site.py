@@ -1,4 +1,4 @@
-"""Hooks of mkdocs: pages that live beside docs/, files that pages link to, and nothing loaded from elsewhere."""
+"""Hooks of mkdocs: pages beside docs/, files that pages link to, and nothing loaded from elsewhere."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ PAGES = {"README.md": "index.md", "CHANGELOG.md": "changes.md", "CONTRIBUTING.md
 FILES = "repository"
 """Folder of the site for files of the repository that are no pages."""
 _LINK = re.compile(r"(\[[^\]]*\]|!\[[^\]]*\])\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)")
-_LOADED = re.compile(r"""<(?:script|img|iframe|source)\b[^>]*\bsrc=["']?(?:https?:)?//[^>]*>|<link\b[^>]*>|@import[^;]*;""")
+_LOADED = re.compile(
+    r"""<(?:script|img|iframe|source)\b[^>]*\bsrc=["']?(?:https?:)?//[^>]*>|<link\b[^>]*>|@import[^;]*;"""
+)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -37,7 +39,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     def led(match: re.Match[str]) -> str:
         text, link, anchor = match.groups()
         target = posixpath.normpath(posixpath.join(posixpath.dirname(source), link))
-        return f"{text}({_place(target, config, files)}{anchor or ''})" if _place(target, config, files) else text[1:-1]
+        return (
+            f"{text}({_place(target, config, files)}{anchor or ''})"
+            if _place(target, config, files)
+            else text[1:-1]
+        )
 
     return _LINK.sub(led, markdown)
 
@@ -56,7 +62,7 @@ def _place(target: str, config: MkDocsConfig, files: Files) -> str | None:
     return place
 
 
-def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:  # noqa: ARG001  mkdocs names it
     """Refuse a page that would load anything from another host."""
     for tag in _LOADED.findall(output):
         if re.search(r"(?:https?:)?//", tag) and 'rel="canonical"' not in tag:

@@ -174,7 +174,10 @@ MISTAKES = [
     (
         "count = 20\n\n[timing]\nsubsteps = 6",
         "count = 201\nradius = 0.01\n\n[timing]\ndecision_period = 10.0\nsubsteps = 50",
-        "pellets.count is 201, but may be at most 200 where a decision has 5000 substeps: it would take too long.",
+        (
+            "pellets.count is 201, but may be at most 200 where a decision has 5000 substeps: "
+            "it would take too long."
+        ),
     ),
     (
         "count = 20",
