@@ -33,9 +33,9 @@ LONGEST_AROUND = 1e9
 class Play:
     """Run one episode, or a saved one again, and record it for the rerun viewer, or film it."""
 
-    policy: Annotated[str, tyro.conf.Positional]
+    policy: Annotated[str, tyro.conf.Positional] = "any"
     """Trained policy by name, policy or run folder, scripted controller by name, or a saved trajectory (.npz)
-    to run again."""
+    to run again; by default `any`, one network for teams of 1 to 32 robots in any arena of its robot."""
     arena: str | None = None
     """Arena by name, or the path of its file; by default the one a policy learned in, or `paper`."""
     robots: int | None = None
