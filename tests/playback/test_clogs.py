@@ -429,6 +429,19 @@ def test_clogs_only_records_the_clogs_and_what_is_around_them(tmp_path, capsys, 
     assert about["policy"] == ["script"]
 
 
+def test_a_viewer_is_shown_meanwhile_what_a_recording_says_of_clogs_at_the_end(tmp_path, jam, recorded):
+    path = tmp_path / "shown.rrd"
+    with recording(path, jam.arena, robots=2) as recorder:
+        for frame in replay(jam.trajectory):
+            recorder.add(frame)
+            if frame.step % 37 == 0:
+                recorder.show()
+    shown = Reading(path)
+    for entity in ("/modes/clogs", "/log/clogs", "/arena/clogs", "/arena/robots/0/clog"):
+        assert plain(shown.rows[entity]) == plain(recorded.rows[entity]), entity
+    assert shown.static["/modes/clogs"] == recorded.static["/modes/clogs"]
+
+
 def test_clogs_only_runs_a_policy_twice(tmp_path, capsys):
     path, run = tmp_path / "clogs.rrd", tmp_path / "run.npz"
     command = ["play", "active", "--arena", "single-lane", "--robots", "10", "--steps", "150"]

@@ -2,14 +2,12 @@
 
 import pytest
 
-from robosim.analysis.film import driven
-from robosim.control.controller import make_controller
 from robosim.envs.vector import VectorEnv
 from robosim.playback import viewer
 from robosim.playback.live import live_recording
 from robosim.playback.recorder import recording
 from robosim.playback.viewer import free_ports, served
-from tests.playback.reading import Reading, plain
+from tests.playback.reading import Reading
 
 
 def record(path, said, view):
@@ -53,21 +51,3 @@ def test_a_viewer_that_is_closed_meanwhile_costs_nothing_of_the_recording(tmp_pa
     rows = Reading(tmp_path / "run.rrd").rows
     assert rows["/plots/tunnel_density"]["step"].max() == 30
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd"]
-
-
-def test_what_is_shown_meanwhile_says_of_clogs_what_a_recording_says_at_the_end(tmp_path):
-    def run(path, shown):
-        env = VectorEnv("single-lane", robots=4, seed=0, episode_steps=400, autoreset=False)
-        with recording(path, env.arena, robots=4) as recorder:
-            for frame in driven(make_controller("active"), env):
-                recorder.add(frame)
-                if shown and frame.step % 37 == 0:
-                    recorder.show()
-        return Reading(path)
-
-    whole, parts = run(tmp_path / "whole.rrd", False), run(tmp_path / "parts.rrd", True)
-    clogs = [path for path in whole.rows if "clog" in path]
-    assert "/modes/clogs" in clogs
-    for path in clogs:
-        assert plain(parts.rows[path]) == plain(whole.rows[path]), path
-    assert parts.static["/modes/clogs"] == whole.static["/modes/clogs"]
