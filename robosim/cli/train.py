@@ -197,13 +197,11 @@ def _watching(config: RunConfig, folder: Path, live: bool) -> Iterator[Watch | N
     from robosim.playback.viewer import live_viewer
 
     about = {"technique": config.run.technique, "seed": str(config.run.seed), "run": folder.name}
-    with live_viewer(say, lingers=False) as viewer:
-        watch = LiveTraining(folder / RECORDINGS, about, viewer, lambda words: say(f"live: {words}"))
-        try:
-            # Every environment but those of a variety can be looked at.
-            yield cast("Watch", watch)
-        finally:
-            watch.close()
+    viewer = live_viewer(say, lingers=False)
+    watch = LiveTraining(folder / RECORDINGS, about, viewer, lambda words: say(f"live: {words}"))
+    # Every environment but those of a variety can be looked at.
+    with contextlib.closing(watch):
+        yield cast("Watch", watch)
 
 
 def _shown(config: RunConfig, folder: Path, work: Callable[[Report], TrainResult]) -> None:

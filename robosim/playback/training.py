@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -41,17 +42,24 @@ class LiveTraining:
     """
 
     def __init__(
-        self, folder: Path, about: Mapping[str, str], viewer: str, say: Callable[[str], None]
+        self,
+        folder: Path,
+        about: Mapping[str, str],
+        viewer: AbstractContextManager[str],
+        say: Callable[[str], None],
     ) -> None:
-        """Record to `folder`, made when the training begins; `viewer` is the URL at which a viewer listens.
+        """Record to `folder`; `viewer` gives the URL at which one listens, such as `live_viewer`.
 
+        Neither is there before the first decision: what keeps a training from beginning opens no viewer.
         `say` is told of each recording when it is whole, and why there is none any more.
         """
         self._folder = folder
         self._about = dict(about)
         self._viewer = viewer
         self._say = say
-        self._stack = contextlib.ExitStack()
+        self._url: str | None = None
+        self._viewing = contextlib.ExitStack()
+        self._recording = contextlib.ExitStack()
         self._env: Watched | None = None
         self._recorder: Recorder | None = None
         self._path = folder
@@ -73,11 +81,15 @@ class LiveTraining:
             self._say(f"{self._path}: the recording has ended ({reason}); the training goes on.")
 
     def close(self) -> None:
-        """End the present recording, which is then whole."""
+        """End the present recording, which is then whole, and what the viewer needs of this process."""
+        with self._viewing:
+            self._end_recording()
+
+    def _end_recording(self) -> None:
         recorded = self._recorder is not None and not self._failed
         self._recorder = None
         try:
-            self._stack.close()
+            self._recording.close()
         except OSError as error:
             self._say(f"{self._path}: the recording could not be written ({error.strerror}).")
         else:
@@ -86,7 +98,7 @@ class LiveTraining:
 
     def _take(self, env: Watched, step: int, row: Row | None) -> None:
         if env is not self._env:
-            self.close()
+            self._end_recording()
             self._begin(env, step)
         assert self._recorder is not None  # noqa: S101  # begun just now, which mypy cannot know
         frame = env.frame()
@@ -104,16 +116,18 @@ class LiveTraining:
             )
 
     def _begin(self, env: Watched, step: int) -> None:
+        if self._url is None:
+            self._url = self._viewing.enter_context(self._viewer)
         self._env, self._step = env, 0
         self._folder.mkdir(exist_ok=True)
         self._path = self._folder / f"live-{step:012d}.rrd"
-        self._recorder = self._stack.enter_context(
+        self._recorder = self._recording.enter_context(
             recording(
                 self._path,
                 env.arena,
                 robots=env.robots,
                 about={**self._about, "from": f"joint decision {step}"},
-                viewer=self._viewer,
+                viewer=self._url,
                 learning=True,
             )
         )

@@ -109,7 +109,7 @@ def live_viewer(say: Say, *, lingers: bool) -> Iterator[str]:
     """Give the URL at which a viewer takes what is recorded meanwhile.
 
     A window stays open after the block. Where there is no display a browser is served instead, and `say` is
-    told the address; with `lingers` it is served after the block, too, until Ctrl-C.
+    told the address; with `lingers` it is served after the block, too, until Ctrl-C or SIGTERM.
     """
     if has_display():
         port = _free_port()
@@ -119,7 +119,10 @@ def live_viewer(say: Say, *, lingers: bool) -> Iterator[str]:
         return
     say("there is no display for the viewer's window: a browser can show it instead")
     ports = free_ports(None)
-    with served(ports) as viewer:
+    with contextlib.ExitStack() as stack:
+        if lingers:
+            stack.enter_context(_sigterm_as_interrupt())
+        viewer = stack.enter_context(served(ports))
         _offer(ports, say)
         yield _proxy(ports.data)
         if lingers:

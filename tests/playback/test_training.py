@@ -1,5 +1,7 @@
 """A training that is watched: the same bits as without, and what it was in a recording."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -23,7 +25,7 @@ def learn(folder, watch=None, report=lambda row: None):
 
 
 def watcher(run, said):
-    return LiveTraining(run / "recordings", {"technique": "ps-dqn"}, "", said.append)
+    return LiveTraining(run / "recordings", {"technique": "ps-dqn"}, nullcontext(""), said.append)
 
 
 def weights(folder):
@@ -55,7 +57,7 @@ def test_a_training_learns_the_same_whether_it_is_watched_or_not(tmp_path):
 
 def test_where_robots_are_is_what_the_first_environment_says(tmp_path):
     env = VectorEnv("paper", robots=2, num_envs=3, seed=5, episode_steps=4)
-    watch, poses = LiveTraining(tmp_path / "out", {}, "", lambda words: None), []
+    watch, poses = LiveTraining(tmp_path / "out", {}, nullcontext(""), lambda words: None), []
     env.reset()
     generator = np.random.default_rng(0)
     for step in range(10):
@@ -94,7 +96,7 @@ def test_a_run_that_is_resumed_is_watched_from_there_on(tmp_path):
 def test_a_recording_that_fails_does_not_end_the_training(tmp_path):
     taken, said = tmp_path / "taken", []
     taken.write_text("")
-    watch = LiveTraining(taken, {}, "", said.append)
+    watch = LiveTraining(taken, {}, nullcontext(""), said.append)
     assert learn(tmp_path / "run", watch).steps == 1000
     watch.close()
     assert said == [f"{taken}: the recording has ended (File exists); the training goes on."]
@@ -107,3 +109,12 @@ def test_teams_that_vary_are_not_watched(tmp_path, capsys):
         "robosim: --live shows one team in one arena: not where arenas and team sizes vary.\n"
     )
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_keeps_a_run_from_going_on_opens_no_viewer(tmp_path, capsys):
+    run = tmp_path / "none"
+    assert main(["train", "--resume", str(run), "--live"]) == 2
+    assert capsys.readouterr() == (
+        "",
+        f"robosim: {run}: no run to resume: there is no config.toml in it.\n",
+    )
