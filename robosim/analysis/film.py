@@ -176,8 +176,7 @@ class _Counted:
 def _write_mp4(file: IO[bytes], pictures: Iterable[Pixels], seconds: Fraction) -> None:
     import av
 
-    # Its index first, so that a browser shows the film while it loads.
-    with av.open(file, "w", format="mp4", options={"movflags": "faststart"}) as container:
+    with av.open(file, "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=1 / seconds, options={"crf": _MP4_QUALITY})
         # The one that every player knows; it halves the colours' resolution, so sizes must be even.
         stream.pix_fmt = "yuv420p"
