@@ -98,6 +98,10 @@ class LiveTraining:
 
     def _take(self, env: Watched, step: int, row: Row | None) -> None:
         if env is not self._env:
+            # What ends a stage leads to the start of the next; the row that it closes is of the stage before.
+            if self._recorder is not None and row is not None:
+                _plot(self._recorder, row)
+                row = None
             self._end_recording()
             self._begin(env, step)
         assert self._recorder is not None  # noqa: S101  # begun just now, which mypy cannot know
@@ -109,11 +113,7 @@ class LiveTraining:
         self._step += 1
         self._recorder.add(_at(frame, self._step, env.arena.timing.decision_period))
         if row is not None:
-            per_thousand = 1000.0 * row.delivered / row.decisions
-            own = {f"figures/{name}": value for name, value in row.figures.items()}
-            self._recorder.plot(
-                {"pellets": per_thousand, "reward": row.reward, "blocked": row.blocked, **own}
-            )
+            _plot(self._recorder, row)
 
     def _begin(self, env: Watched, step: int) -> None:
         if self._url is None:
@@ -131,6 +131,12 @@ class LiveTraining:
                 learning=True,
             )
         )
+
+
+def _plot(recorder: Recorder, row: Row) -> None:
+    per_thousand = 1000.0 * row.delivered / row.decisions
+    own = {f"figures/{name}": value for name, value in row.figures.items()}
+    recorder.plot({"pellets": per_thousand, "reward": row.reward, "blocked": row.blocked, **own})
 
 
 def _at(frame: Frame, step: int, period: float) -> Frame:

@@ -1,6 +1,6 @@
 """A training that is watched: the same bits as without, and what it was in a recording."""
 
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 
 import numpy as np
 import pytest
@@ -91,6 +91,23 @@ def test_a_run_that_is_resumed_is_watched_from_there_on(tmp_path):
     learn(tmp_path / "whole")
     seen, whole = weights(run), weights(tmp_path / "whole")
     assert all(np.array_equal(seen[name], whole[name]) for name in seen)
+
+
+def test_each_stage_of_a_curriculum_is_a_recording_with_its_own_rows(tmp_path):
+    run, said = tmp_path / "run", []
+    config = run_config(
+        "smadrl", robots=3, steps=160, num_envs=2, episode_steps=30, evaluation_episodes=0, hidden=(8,)
+    )
+    with closing(watcher(run, said)) as watch:
+        train(config, run, lambda row: None, watch=watch)
+    metrics = read_metrics(run / "metrics.parquet")
+    stages = {row.stage: row.robots for row in metrics}
+    assert len(said) == len(stages) > 1
+    for path, (stage, robots) in zip(said, stages.items(), strict=True):
+        rows = Reading(path).rows
+        assert len([entity for entity in rows if entity.startswith("/modes/robot_")]) == robots
+        drawn = [value[0] for value in rows["/learning/reward"]["Scalars:scalars"]]
+        assert drawn == pytest.approx([row.reward for row in metrics if row.stage == stage])
 
 
 def test_a_recording_that_fails_does_not_end_the_training(tmp_path):
