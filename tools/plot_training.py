@@ -14,9 +14,10 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from robosim.learning.config import read_config
+from robosim.envs.config import MOST_CONFIG
 from robosim.learning.folder import CONFIG_FILE, METRICS_FILE
 from robosim.learning.metrics import Metrics, read_metrics
+from robosim.texts import read_toml
 
 WINDOW = 20
 """Rows of the metrics that a point is the mean of."""
@@ -28,6 +29,16 @@ def curve(rows: list[Metrics]) -> tuple[np.ndarray, np.ndarray]:
     window = min(WINDOW, len(rows))
     smooth = np.convolve(pellets, np.full(window, 1.0 / window), mode="valid")
     return np.array([row.step for row in rows[window - 1 :]]), smooth
+
+
+def label_of(path: Path) -> str:
+    """Return what a run is called in the legend.
+
+    By its file alone: a technique or an algorithm of one's own is registered where it learned, but not here.
+    """
+    tables = read_toml(path, MOST_CONFIG)
+    env, run = tables["env"], tables["run"]
+    return f"{run['technique']}, {env['robots']} robots, seed {run['seed']}"
 
 
 def print_stages(rows: list[Metrics]) -> None:
@@ -51,8 +62,7 @@ def main() -> None:
 
     figure, axes = plt.subplots(figsize=(9, 4), layout="constrained")
     for run in options.runs:
-        config, rows = read_config(run / CONFIG_FILE), read_metrics(run / METRICS_FILE)
-        label = f"{config.run.technique}, {config.env.robots} robots, seed {config.run.seed}"
+        rows, label = read_metrics(run / METRICS_FILE), label_of(run / CONFIG_FILE)
         (line,) = axes.plot(*curve(rows), label=label, linewidth=1.5)
         begins = [row.step for before, row in pairwise(rows) if row.stage != before.stage]
         if begins:

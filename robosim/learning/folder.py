@@ -184,7 +184,7 @@ class RunFolder:
         try:
             if not path.exists():
                 return None
-            finished = _FINISHED.validate_python(parse_json(read_limited(path, MOST_BYTES)), strict=True)
+            finished = _FINISHED.validate_python(parse_json(read_limited(path, MOST_BYTES)))
         except InputError:
             raise
         except (OSError, ValueError) as error:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Column
 
 from robosim.learning.metrics import Metrics
 
@@ -14,6 +16,8 @@ _LINES = 50
 """Lines that a piped run prints at most, apart from the last."""
 _SMOOTHING = 0.3
 """Weight of the latest row in the speed that the time left comes from."""
+_WINDOW = 20
+"""Rows of the metrics that the pellets shown are the mean of."""
 
 
 @contextmanager
@@ -27,14 +31,17 @@ def show_progress(steps: int, console: Console | None = None) -> Iterator[Callab
     columns = (
         TextColumn("{task.fields[stage]}"),
         BarColumn(bar_width=20),
-        TextColumn("{task.completed:,.0f}/{task.total:,.0f}  {task.fields[figures]}"),
+        TextColumn("{task.completed:,.0f}/{task.total:,.0f}  left {task.fields[left]}"),
+        # What a narrow terminal has no room for is left out here, not of the bar.
+        TextColumn("{task.fields[figures]}", table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis")),
     )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("training", total=steps, figures="", stage="training")
+    with Progress(*columns, console=console, expand=True) as bar:
+        task = bar.add_task("training", total=steps, figures="", stage="training", left="")
+        pellets = _Pellets()
 
         def show(row: Metrics) -> None:
-            figures = f"{_figures(row)}  left {left(row)}"
-            bar.update(task, completed=min(row.step, steps), figures=figures, stage=row.stage)
+            figures = _figures(row, pellets(row))
+            bar.update(task, completed=min(row.step, steps), figures=figures, stage=row.stage, left=left(row))
 
         yield show
 
@@ -60,25 +67,42 @@ class _TimeLeft:
         return clock(max(0, self._steps - row.step) / max(self._speed, 1e-9))
 
 
+class _Pellets:
+    """Pellets in 1000 decisions of late.
+
+    Environments begin their episodes together, with nothing to deliver yet: a row alone says little.
+    """
+
+    def __init__(self) -> None:
+        self._rows: deque[Metrics] = deque(maxlen=_WINDOW)
+
+    def __call__(self, row: Metrics) -> float:
+        if self._rows and self._rows[-1].stage != row.stage:
+            self._rows.clear()
+        self._rows.append(row)
+        return 1000.0 * sum(row.delivered for row in self._rows) / sum(row.decisions for row in self._rows)
+
+
 class _Lines:
     def __init__(self, steps: int, console: Console, left: _TimeLeft) -> None:
         self._steps = steps
         self._console = console
         self._left = left
         self._next = 0.0
+        self._pellets = _Pellets()
 
     def __call__(self, row: Metrics) -> None:
-        left = self._left(row)
+        left, pellets = self._left(row), self._pellets(row)
         if row.step < min(self._next, self._steps):
             return
         self._next = row.step + self._steps / _LINES
-        line = f"step {row.step}/{self._steps}  {row.stage}  {_figures(row)}  left {left}"
+        line = f"step {row.step}/{self._steps}  {row.stage}  {_figures(row, pellets)}  left {left}"
         self._console.print(line, highlight=False, soft_wrap=True)
 
 
-def _figures(row: Metrics) -> str:
+def _figures(row: Metrics, pellets: float) -> str:
     own = "".join(f"{name.replace('_', ' ')} {value:.3g}  " for name, value in row.figures.items())
     return (
-        f"pellets/1000 {1000.0 * row.delivered / row.decisions:.1f}  blocked {row.blocked:.0%}  "
+        f"pellets/1000 {pellets:.1f}  blocked {row.blocked:.0%}  "
         f"collisions {row.collisions:.2f}  reward {row.reward:+.3f}  {own}{row.steps_per_second:.0f} steps/s"
     )

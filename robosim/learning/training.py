@@ -17,7 +17,7 @@ from robosim.control.learned import check_fit
 from robosim.control.network import NetworkSpec
 from robosim.control.policy import Policy, load_policy
 from robosim.envs.mixed import MixedVectorEnv
-from robosim.envs.vector import Snapshot, VectorEnv
+from robosim.envs.vector import MAX_SEED, Snapshot, VectorEnv
 from robosim.envs.workers import WorkerVectorEnv, vector_env
 from robosim.errors import InputError, printable, shown, whole_number
 from robosim.learning.actors import FrozenTeam, expanded, joined, robots_of
@@ -226,8 +226,8 @@ class Training:
             prefix = "team."
             team = {n.removeprefix(prefix): t.numpy() for n, t in tensors.items() if n.startswith(prefix)}
             self._team = Actors(NetworkSpec.model_validate(facts["team"]), team)
-        self.log.rows[:] = _ROWS.validate_python(facts["rows"], strict=True)
-        sums = _SUMS.validate_python(facts["sums"], strict=True)
+        self.log.rows[:] = _ROWS.validate_python(facts["rows"])
+        sums = _SUMS.validate_python(facts["sums"])
         for counted in (asdict(sums), *map(asdict, self.log.rows)):
             numbers = [number for number in counted.values() if isinstance(number, int)]
             if not all(0 <= number <= MOST for number in numbers):
@@ -236,7 +236,8 @@ class Training:
             # The stage began when the run had taken this many decisions; its budget depends on that.
             self.step = sum(stage.steps for stage in self.ended)
             self._begin(len(self.ended))
-            seeds, episode = tuple(map(int, facts["seeds"])), int(facts["episode"])
+            seeds = tuple(whole_number("seeds", seed, 0, MAX_SEED) for seed in facts["seeds"])
+            episode = whole_number("episode", facts["episode"], 0, MOST)
             actions, step = tensors["actions"].numpy(), facts["loop"]["step"]
             # Before the episode is run again, which takes as long as it lasts.
             if not len(actions) * self.env.joint_decisions <= whole_number("step", step, 0, self.loop.budget):

@@ -32,7 +32,7 @@ def taken_or_refused(call: Callable[..., Any], *args: Any, **options: Any) -> No
     except InputError as refused:
         sentence = str(refused)
         assert sentence.replace("\n", "").isprintable()
-        assert len(sentence) < 1000
+        assert len(sentence) <= 1000
 
 
 @pytest.mark.parametrize("field", [*EnvConfig.options(), "pheromone", "reward", "profile", "autoreset"])

@@ -1,5 +1,7 @@
 import io
+from dataclasses import replace
 
+import pytest
 from rich.console import Console
 
 from robosim.learning.metrics import Metrics
@@ -17,11 +19,11 @@ def rows(steps):
     ]  # fmt: skip
 
 
-def shown(terminal):
+def shown(terminal, width=150, taken=None):
     out = io.StringIO()
-    console = Console(file=out, force_terminal=terminal, width=150)
+    console = Console(file=out, force_terminal=terminal, width=width)
     with show_progress(100_000, console) as report:
-        for row in rows(100_000):
+        for row in taken or rows(100_000):
             report(row)
     return out.getvalue()
 
@@ -38,3 +40,21 @@ def test_a_pipe_gets_at_most_fifty_lines_and_the_last():
 
 def test_a_terminal_gets_a_bar_with_the_same_figures():
     assert "pellets/1000 8.0  blocked 12%" in shown(terminal=True)
+
+
+@pytest.mark.parametrize("width", [80, 100, 200])
+def test_bar_and_time_left_have_room_in_a_narrow_terminal_too(width):
+    text = shown(terminal=True, width=width)
+    assert "━" * 20 in text
+    assert "100,000/100,000  left 0:00" in text
+    assert "pellets/1000 8.0" in text
+
+
+def test_pellets_are_the_mean_of_late_since_episodes_begin_together():
+    begun = [replace(row, delivered=0 if number % 20 < 5 else 8) for number, row in enumerate(rows(20_000))]
+    lines = shown(terminal=False, taken=begun).splitlines()
+    assert "pellets/1000 0.0" in lines[0]
+    # Of the last twenty rows fifteen delivered something, wherever they begin.
+    assert ["pellets/1000 12.0" in line for line in lines[10:]] == [True] * len(lines[10:])
+    joined = [replace(row, stage="together", step=100_000, delivered=1) for row in begun[:1]]
+    assert "pellets/1000 2.0" in shown(terminal=False, taken=[*begun, *joined]).splitlines()[-1]

@@ -60,10 +60,8 @@ class PhysicsWorld:
             raise refused("robots", robots, room)
         substeps = arena.timing.control_steps * arena.timing.substeps
         if robots * substeps > MOST_WORK:
-            room = (
-                f"a whole number from 1 to {MOST_WORK // substeps} where a decision has {substeps} substeps"
-            )
-            raise refused("robots", robots, room)
+            room = f"a whole number from 1 to {MOST_WORK // substeps}"
+            raise refused("robots", robots, f"{room} where a decision has {substeps} substeps")
         if keep_distance is not None and robots > (most := room_apart(arena, keep_distance)):
             room = f"a whole number from 1 to {most}, the room in arena {arena.name!r} at keep_distance"
             raise refused("robots", robots, f"{room} {keep_distance:g}")
