@@ -89,7 +89,7 @@ def pipe(tmp_path: Path) -> str:
 
 
 def no_text(tmp_path: Path) -> str:
-    (tmp_path / os.fsdecode(b"\xff\x1b[31m")).write_text("")
+    (tmp_path / os.fsdecode(b"\xff\x1b[31m")).write_text("[")
     return os.fsdecode(b"\xff\x1b[31m")
 
 
