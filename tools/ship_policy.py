@@ -2,7 +2,7 @@
 
     python tools/ship_policy.py RUN_FOLDER NAME [--notes "..."] [--episodes 12] [--seed 7] [--half]
 
-Writes policies/NAME/ whole or not at all: weights (equal networks once; float16 with --half, or where
+Writes policies/NAME/ whole or not at all, then its README.md with a clip: weights (equal networks once; float16 with --half, or where
 float32 would exceed 1.5 MB) and the card, with the evaluation of the policy as it is stored and that of
 `lanes` over the same episodes. A folder that would exceed 1.5 MB is refused.
 """
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from robosim.arena import arena_names, load_arena
 from robosim.cli.evaluate import summary
 from robosim.cli.main import exit_code
+from robosim.cli.model_card import write_readme
 from robosim.control.card import Evaluation, PolicyCard
 from robosim.control.controller import SCRIPTED, Controller
 from robosim.control.environment import environment_for
@@ -52,9 +53,11 @@ def ship(
     episode_steps: int | None = None,
     robots: int | None = None,
     command: str = "",
+    clip: bool = False,
 ) -> PolicyCard:
-    """Write the policy of a run to `into`/`name` and return its card; InputError if it cannot ship.
+    """Write the policy of a run to `into`/`name`, with its page, and return its card.
 
+    InputError if it cannot ship. `clip` films the team for the page.
     Episodes are as long as the arena says, or else of `episode_steps` decisions. One network for all can ship
     as a team of another size, `robots`. `command` says how it learned where the card does not, as that of a
     sweep's run.
@@ -82,6 +85,7 @@ def ship(
         if folder_size(draft) > MOST_BYTES:
             raise too_large(draft)
     save_policy(into / name, weights, card)
+    write_readme(name, into / name, read_policy(into / name), clip)
     return card
 
 
@@ -210,6 +214,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             seed=given.seed,
             half=given.half,
             robots=given.robots,
+            clip=True,
         )
         folder = given.into / given.name
         share = "" if card.share is None else f", {100 * card.share:.1f} % of lanes"

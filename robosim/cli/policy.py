@@ -61,16 +61,39 @@ class Show:
         if self.json:
             print(card_text(card), end="")
             return
-        for what, text in _facts(self.policy, card, folder):
+        for what, text in facts_of(self.policy, card, folder):
             print(f"{what:<14}{_printable(text)}".rstrip())
 
 
 @dataclass(frozen=True)
+class Readme:
+    """Write README.md into a policy's folder, made of its card, with a short clip of the team beside it."""
+
+    policy: tyro.conf.Positional[str]
+    """Policy by its folder, or the name of one that ships."""
+    clip: bool = True
+    """Film the team, too; otherwise a clip that is there stays."""
+
+    def run(self) -> None:
+        from robosim.cli.model_card import write_readme
+        from robosim.control.policy import README_FILE, RUN_POLICY, find_policy, read_policy
+        from robosim.errors import InputError
+
+        folder = find_policy(self.policy)
+        if folder.name == RUN_POLICY:
+            raise InputError(f"{folder}: a run keeps this folder as it wrote it: copy it, and give the copy.")
+        write_readme(folder.resolve().name, folder, read_policy(folder), self.clip)
+        print(f"written: {folder / README_FILE}")
+
+
+@dataclass(frozen=True)
 class Policy:
-    """List the policies that ship, show the card of one."""
+    """List the policies that ship, show the card of one, write the page of one."""
 
     do: Annotated[
-        Annotated[List, tyro.conf.subcommand("list")] | Annotated[Show, tyro.conf.subcommand("show")],
+        Annotated[List, tyro.conf.subcommand("list")]
+        | Annotated[Show, tyro.conf.subcommand("show")]
+        | Annotated[Readme, tyro.conf.subcommand("readme")],
         tyro.conf.arg(name=""),
     ]
 
@@ -119,7 +142,7 @@ def _print_table(rows: list[tuple[str, ...]]) -> None:
     Console(highlight=False, markup=False, emoji=False, width=width).print(table)
 
 
-def _facts(name: str, card: PolicyCard, folder: Path) -> list[tuple[str, str]]:
+def facts_of(name: str, card: PolicyCard, folder: Path) -> list[tuple[str, str]]:
     """Say in words what the card holds: (what, text) of each line."""
     quoted = shlex.quote(name)
     recording = shlex.quote(f"{Path(name).resolve().name}.rrd")

@@ -25,6 +25,9 @@ from robosim.texts import parse_json, read_limited
 
 WEIGHTS_FILE = "policy.safetensors"
 CARD_FILE = "card.json"
+README_FILE = "README.md"
+CLIP_FILE = "clip.webp"
+"""Beside a policy that is published: a page made of its card, and the team in motion."""
 RUN_POLICY = "policy"
 """Name of the policy folder inside a run folder."""
 RUN_RECORD = "finished.json"
@@ -113,8 +116,8 @@ def _natural(name: str) -> list[tuple[str, int]]:
 
 
 def folder_size(folder: Path) -> int:
-    """Return the bytes that the files of a policy folder hold."""
-    return sum(path.stat().st_size for path in folder.iterdir())
+    """Return the bytes of a policy: of its card and its weights."""
+    return sum((folder / name).stat().st_size for name in (CARD_FILE, WEIGHTS_FILE))
 
 
 def load_policy(name_or_path: str | Path) -> Policy:
@@ -152,7 +155,7 @@ def check_run(folder: Path) -> None:
 
 
 def save_policy(folder: Path, weights: Weights, card: PolicyCard) -> None:
-    """Write a policy folder, whole or not at all; a policy that is there already is replaced.
+    """Write a policy folder, whole or not at all; a policy that is there already is replaced, with its page.
 
     `weights` are of the shapes and the precision that `card.network` states; the card is told their SHA-256.
     InputError if they do not fit
@@ -167,7 +170,8 @@ def save_policy(folder: Path, weights: Weights, card: PolicyCard) -> None:
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: this is a file; a policy is written to a folder.")
-    if folder.is_dir() and (strange := {path.name for path in folder.iterdir()} - {WEIGHTS_FILE, CARD_FILE}):
+    known = {WEIGHTS_FILE, CARD_FILE, README_FILE, CLIP_FILE}
+    if folder.is_dir() and (strange := {path.name for path in folder.iterdir()} - known):
         raise InputError(f"{folder}: holds {shown(min(strange))}, so it is not replaced by a policy.")
     parent = folder.absolute().parent
     try:

@@ -1,11 +1,13 @@
 import hashlib
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import robosim.control.policy as policy_module
 from robosim.arena import load_arena, parse_arena
@@ -20,7 +22,7 @@ from robosim.control.card import (
     card_text,
 )
 from robosim.control.network import NetworkSpec
-from robosim.control.policy import save_policy
+from robosim.control.policy import find_policy, load_policy, read_policy, save_policy
 from robosim.envs.vector import VectorEnv
 
 
@@ -221,3 +223,37 @@ def test_show_rounds_the_period_of_the_grid(ships: Path, capsys: pytest.CaptureF
     make_policy(ships / "paper-2", arena=arena_card(grid))
     assert main(["policy", "show", "paper-2"]) == 0
     assert "actions       5, cardinal, every 0.75 s" in capsys.readouterr().out.splitlines()
+
+
+def test_a_page_is_written_beside_a_policy_and_goes_with_it_when_it_is_replaced(tmp_path, capsys):
+    folder = tmp_path / "mine"
+    shutil.copytree(find_policy("paper-1"), folder, ignore=shutil.ignore_patterns("README.md", "clip.webp"))
+    assert main(["policy", "readme", str(folder), "--no-clip"]) == 0
+    assert capsys.readouterr().out == f"written: {folder}/README.md\n"
+    page = (folder / "README.md").read_text()
+    assert "# mine\n\nA team of 1 robot that carries pellets in arena `paper`" in page
+    assert "clip.webp" not in page
+    assert main(["policy", "readme", str(folder)]) == 0
+    assert "(clip.webp)" in (folder / "README.md").read_text()
+    with Image.open(folder / "clip.webp") as clip:
+        assert clip.n_frames == 41
+    policy = read_policy(folder)
+    save_policy(folder, policy.weights(), policy.card)
+    assert sorted(path.name for path in folder.iterdir()) == ["card.json", "policy.safetensors"]
+
+
+def test_texts_of_a_card_steer_no_page(tmp_path):
+    folder = tmp_path / "mine"
+    policy = load_policy("paper-1")
+    save_policy(folder, policy.weights(), policy.card.changed(notes="a|b <script>\x1b[31m *x* [y](z)"))
+    assert main(["policy", "readme", str(folder), "--no-clip"]) == 0
+    page = (folder / "README.md").read_text()
+    assert "| fails at | a\\|b \\<script\\>?\\[31m \\*x\\* \\[y\\](z) |" in page
+
+
+def test_a_run_keeps_its_policy_folder_to_itself(tmp_path, capsys):
+    shutil.copytree(find_policy("paper-1"), tmp_path / "run" / "policy")
+    assert main(["policy", "readme", str(tmp_path / "run")]) == 2
+    assert capsys.readouterr().err == (
+        f"robosim: {tmp_path}/run/policy: a run keeps this folder as it wrote it: copy it, and give the copy.\n"
+    )

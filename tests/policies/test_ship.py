@@ -44,6 +44,9 @@ def test_ships_whole_with_evaluation_reference_and_notes(tmp_path, capsys):
     shipped = load_policy(tmp_path / "to" / "paper-2")
     assert shipped.card == card
     assert [path.name for path in (tmp_path / "to").iterdir()] == ["paper-2"]
+    page = (tmp_path / "to" / "paper-2" / "README.md").read_text()
+    assert "| command | robosim train --seed 1 --out runs/paper-2 |" in page
+    assert "| fails at | Stands still. |" in page
     assert card.notes == "Stands still."
     assert card.network.precision == "float32"
     assert card.training.command == "robosim train --seed 1 --out runs/paper-2"

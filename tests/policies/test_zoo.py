@@ -21,11 +21,22 @@ import safetensors.numpy
 import robosim
 from robosim.arena import arena_names, load_arena
 from robosim.cli.main import main
+from robosim.cli.model_card import MOST_CLIP_BYTES, readme_text
+from robosim.cli.policy import facts_of
 from robosim.control.card import Evaluation
 from robosim.control.controller import SCRIPTED
 from robosim.control.environment import environment_for
 from robosim.control.learned import LearnedController
-from robosim.control.policy import CARD_FILE, WEIGHTS_FILE, Policy, find_policy, policy_names
+from robosim.control.policy import (
+    CARD_FILE,
+    CLIP_FILE,
+    README_FILE,
+    WEIGHTS_FILE,
+    Policy,
+    find_policy,
+    folder_size,
+    policy_names,
+)
 
 ROOT = Path(__file__).parent.parent.parent
 MOST_BYTES = 1_500_000
@@ -83,10 +94,19 @@ def test_policies_ship_and_nothing_lies_beside_them():
 
 
 @shipped
-def test_folder_is_small_and_holds_a_policy_alone(name):
-    files = list(find_policy(name).iterdir())
-    assert sorted(path.name for path in files) == [CARD_FILE, WEIGHTS_FILE]
-    assert sum(path.stat().st_size for path in files) <= MOST_BYTES
+def test_folder_is_small_and_holds_a_policy_and_its_page_alone(name):
+    folder = find_policy(name)
+    assert {path.name for path in folder.iterdir()} == {CARD_FILE, WEIGHTS_FILE, README_FILE, CLIP_FILE}
+    assert folder_size(folder) <= MOST_BYTES
+    assert (folder / CLIP_FILE).stat().st_size <= MOST_CLIP_BYTES
+
+
+@shipped
+def test_page_is_what_the_command_makes_of_the_card(name):
+    folder, card = find_policy(name), robosim.load_policy(name).card
+    text = (folder / README_FILE).read_text(encoding="utf-8")
+    assert text == readme_text(name, card, facts_of(name, card, folder), with_clip=True)
+    assert f"{card.evaluation.mean:.1f} +- {card.evaluation.std:.1f} per episode" in text
 
 
 @shipped
