@@ -2,9 +2,9 @@
 
     python tools/ship_policy.py RUN_FOLDER NAME [--notes "..."] [--episodes 12] [--seed 7] [--half]
 
-Writes policies/NAME/ whole or not at all, then its README.md with a clip: weights (equal networks once; float16 with --half, or where
+Writes policies/NAME/ whole or not at all: weights (equal networks once; float16 with --half, or where
 float32 would exceed 1.5 MB) and the card, with the evaluation of the policy as it is stored and that of
-`lanes` over the same episodes. A folder that would exceed 1.5 MB is refused.
+`lanes` over the same episodes; then its README.md with a clip. A folder that would exceed 1.5 MB is refused.
 """
 
 from __future__ import annotations

@@ -104,7 +104,7 @@ def write_readme(name: str, folder: Path, policy: Policy, clip: bool) -> None:
 
 
 def _cell(text: str) -> str:
-    """Return a text of a card for a table in Markdown: it steers neither table nor terminal, and is no HTML."""
+    """Return a text of a card for a Markdown table: it steers neither table nor terminal, and is no HTML."""
     plain = "".join(character if character.isprintable() else "?" for character in text)
     for character in "\\|<>`*_[]":
         plain = plain.replace(character, f"\\{character}")

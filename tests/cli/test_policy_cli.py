@@ -255,5 +255,6 @@ def test_a_run_keeps_its_policy_folder_to_itself(tmp_path, capsys):
     shutil.copytree(find_policy("paper-1"), tmp_path / "run" / "policy")
     assert main(["policy", "readme", str(tmp_path / "run")]) == 2
     assert capsys.readouterr().err == (
-        f"robosim: {tmp_path}/run/policy: a run keeps this folder as it wrote it: copy it, and give the copy.\n"
+        f"robosim: {tmp_path}/run/policy: a run keeps this folder as it wrote it: "
+        "copy it, and give the copy.\n"
     )
