@@ -32,6 +32,8 @@ class Leaderboard:
     """Only teams of this size."""
     markdown: bool = False
     """Print the tables as Markdown."""
+    into: Annotated[Path | None, tyro.conf.arg(metavar="PAGE.md")] = None
+    """Page whose tables these replace: all from its first heading of the second level on."""
     json: Path | None = None
     """File to write all numbers to."""
 
@@ -59,9 +61,26 @@ class Leaderboard:
         if not asked:
             raise InputError(self._nothing(board.entries))
         board = Board(asked, notes)
-        print("\n".join(lines_of(board, self.markdown)))
+        if self.into is not None:
+            self._write_into(self.into, board)
+        else:
+            print("\n".join(lines_of(board, self.markdown)))
         if self.json is not None:
             write_whole(self.json, json.dumps(board.as_record(), indent=2, allow_nan=False) + "\n")
+
+    def _write_into(self, page: Path, board: Board) -> None:
+        from robosim.files import write_whole
+
+        try:
+            before, heading, _ = page.read_text(encoding="utf-8").partition("\n## ")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"{page}: cannot be read as a page ({error}).") from None
+        if not heading:
+            raise InputError(
+                f"{page}: has no heading of the second level, from which on it could be replaced."
+            )
+        write_whole(page, "\n".join([before, *lines_of(board, in_markdown=True), ""]))
+        print(f"written: {page}")
 
     def _asked(self, entry: Entry) -> bool:
         arena = self.arena is None or entry.task.arena == self.arena

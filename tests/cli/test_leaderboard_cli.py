@@ -10,9 +10,24 @@ from robosim.cli.main import main
 PAGE = Path(__file__).parents[2] / "docs" / "leaderboard.md"
 
 
-def test_the_page_is_what_the_command_prints(capsys):
-    assert main(["leaderboard", "--markdown"]) == 0
-    assert PAGE.read_text(encoding="utf-8").endswith(f"\n\n{capsys.readouterr().out}")
+def test_the_page_is_what_the_command_writes_into_it(tmp_path, capsys):
+    page = tmp_path / "page.md"
+    text = PAGE.read_text(encoding="utf-8")
+    page.write_text(text.partition("\n## ")[0] + "\n## old\n", encoding="utf-8")
+    assert main(["leaderboard", "--into", str(page)]) == 0
+    assert capsys.readouterr().out == f"written: {page}\n"
+    # After new records: robosim leaderboard --into docs/leaderboard.md
+    assert page.read_text(encoding="utf-8") == text
+
+
+def test_a_page_without_tables_is_left_as_it_is(tmp_path, capsys):
+    page = tmp_path / "page.md"
+    page.write_text("# Mine\n")
+    assert main(["leaderboard", "--arena", "single-lane", "--into", str(page)]) == 2
+    assert capsys.readouterr().err == (
+        f"robosim: {page}: has no heading of the second level, from which on it could be replaced.\n"
+    )
+    assert page.read_text() == "# Mine\n"
 
 
 def test_an_evaluation_of_ones_own_stands_among_those_asked_for(tmp_path, capsys):
