@@ -47,7 +47,7 @@ class Face:
 
     @property
     def lines(self) -> int:
-        return len(self.code.splitlines())
+        return sum(bool(line) for line in self.code.splitlines())
 
     def make(self, world: str) -> Any:
         names: dict[str, Any] = {}
@@ -100,6 +100,7 @@ FACES = (
         "robosim",
         """\
 import robosim
+
 env = robosim.vector_env("paper", robots=4, num_envs=16)""",
         step_batch,
     ),
@@ -108,6 +109,7 @@ env = robosim.vector_env("paper", robots=4, num_envs=16)""",
         "gymnasium",
         """\
 import gymnasium, robosim
+
 env = gymnasium.make_vec("robosim/ExcavationTeam-v0", num_envs=64, robots=4)  # 16 teams of 4""",
         step_rows,
     ),
@@ -116,6 +118,7 @@ env = gymnasium.make_vec("robosim/ExcavationTeam-v0", num_envs=64, robots=4)  # 
         "stable_baselines3",
         """\
 from robosim.envs.stable_baselines import ExcavationVecEnv
+
 env = ExcavationVecEnv("paper", robots=4, num_envs=16)""",
         step_rows,
     ),
@@ -124,6 +127,7 @@ env = ExcavationVecEnv("paper", robots=4, num_envs=16)""",
         "torchrl",
         """\
 from robosim.learning.faces.torchrl import ExcavationTorchEnv
+
 env = ExcavationTorchEnv("paper", robots=4, num_envs=16)""",
         step_torchrl,
     ),
@@ -132,6 +136,7 @@ env = ExcavationTorchEnv("paper", robots=4, num_envs=16)""",
         "benchmarl",
         """\
 from robosim.learning.faces.benchmarl import ExcavationTask
+
 env = ExcavationTask("paper", robots=4).get_env_fun(16, False, 0, "cpu")()  # as its Experiment does""",
         step_torchrl,
     ),
@@ -140,6 +145,7 @@ env = ExcavationTask("paper", robots=4).get_env_fun(16, False, 0, "cpu")()  # as
         "pettingzoo",
         """\
 import robosim
+
 env = robosim.parallel_env("paper", robots=4)""",
         step_parallel,
         num_envs=1,
@@ -150,6 +156,7 @@ env = robosim.parallel_env("paper", robots=4)""",
         """\
 import robosim
 from torchrl.envs import PettingZooWrapper
+
 env = PettingZooWrapper(robosim.parallel_env("paper", robots=4), categorical_actions=True)""",
         step_torchrl,
         num_envs=1,
@@ -160,6 +167,7 @@ env = PettingZooWrapper(robosim.parallel_env("paper", robots=4), categorical_act
         """\
 import robosim
 from ray.rllib.env.wrappers.pettingzoo_env import ParallelPettingZooEnv
+
 env = ParallelPettingZooEnv(robosim.parallel_env("paper", robots=4))""",
         step_parallel,
         num_envs=1,
