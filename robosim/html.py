@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from html import escape
 
+from robosim.errors import printable
+
 _LONGEST = 200
 """Characters of a value that are shown."""
 _LEFT = 'style="text-align:left"'
@@ -26,5 +28,4 @@ def facts_html(title: str, facts: Iterable[tuple[str, object]], picture: str = "
 
 def _safe(value: object) -> str:
     """Return a value as printable text that holds no markup."""
-    text = "".join(character if character.isprintable() else " " for character in str(value))
-    return escape(text if len(text) <= _LONGEST else text[: _LONGEST - 4] + " ...")
+    return escape(printable(str(value), _LONGEST))

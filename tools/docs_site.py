@@ -1,4 +1,4 @@
-"""Hooks of mkdocs: pages beside docs/, files that pages link to, and nothing loaded from elsewhere."""
+"""Hooks of mkdocs: pages from beside docs/, files that pages link to, and nothing loaded from elsewhere."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _place(target: str, config: MkDocsConfig, files: Files) -> str | None:
     return place
 
 
-def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:  # noqa: ARG001  mkdocs names it
+def on_post_page(output: str, page: Page, **_: object) -> str:
     """Refuse a page that would load anything from another host."""
     for tag in _LOADED.findall(output):
         if re.search(r"(?:https?:)?//", tag) and 'rel="canonical"' not in tag:

@@ -1,0 +1,69 @@
+"""Pages: Python for newcomers runs, links and anchors lead somewhere, the site knows every page."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import robosim
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md"))]
+LINK = re.compile(r"(?<!`)\]\((?!https?:)([^)\s#]*)(?:#([^)\s]+))?\)")
+
+
+def anchors(page: Path) -> set[str]:
+    """What the headings of a page are called in links, as both GitHub and mkdocs write it."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
+    plain = [re.sub(r"[^\w\s-]", "", re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", one)) for one in headings]
+    return {re.sub(r"\s+", "-", one.strip().lower()) for one in plain}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_their_anchors_lead_somewhere(page) -> None:
+    for link, anchor in LINK.findall(page.read_text(encoding="utf-8")):
+        target = (page.parent / link).resolve() if link else page
+        assert target.exists(), link
+        if anchor and target.suffix == ".md" and not anchor.startswith("robosim."):
+            assert anchor in anchors(target), f"{link}#{anchor}"
+
+
+@pytest.mark.parametrize(("name", "blocks"), [("first-hour", 1), ("extending", 2)])
+def test_the_python_of_a_page_runs(name, blocks, capsys) -> None:
+    found = re.findall(r"```python\n(.*?)```", (DOCS / f"{name}.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert len(found) == blocks
+    code = (
+        "\n".join(found).replace("episode_steps=200", "episode_steps=60").replace("range(200)", "range(60)")
+    )
+    exec(compile(code, name, "exec"), {})
+    assert len(capsys.readouterr().out.splitlines()) == blocks
+
+
+def test_every_page_is_in_the_navigation_of_the_site() -> None:
+    named = set(
+        re.findall(r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    )
+    assert named == {page.name for page in DOCS.glob("*.md")} | {"index.md", "changes.md", "contributing.md"}
+
+
+def test_the_names_that_robosim_offers_are_on_the_page_of_the_api() -> None:
+    page = (DOCS / "api.md").read_text(encoding="utf-8")
+    assert [
+        name for name in robosim.__all__ if name != "__version__" and f"`robosim.{name}`" not in page
+    ] == []
+
+
+def test_versions_agree() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {robosim.__version__}\n" in citation
+    assert f"({robosim.__version__})" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_each_python_that_is_claimed_is_in_the_matrix() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    claimed = re.findall(r"Python :: (3\.\d+)", " ".join(project["classifiers"]))
+    workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
+    assert f"python: {claimed}".replace("'", '"') in workflow
