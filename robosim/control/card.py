@@ -17,7 +17,7 @@ from robosim.control.network import NetworkSpec, Weights, check_weights
 from robosim.discretise.observation import MoveGains, gain_columns
 from robosim.envs.config import EnvConfig
 from robosim.envs.profile import ProfileConfig
-from robosim.errors import InputError, shown
+from robosim.errors import InputError, printable, shown
 from robosim.records import Many, Record
 from robosim.robot.team import Group, RoleName
 from robosim.texts import parse_json, read_limited
@@ -343,8 +343,9 @@ def read_card(path: Path) -> PolicyCard:
     data = read_limited(path, MOST_BYTES)
     try:
         table = parse_json(data)
-    except ValueError:
-        table = None
+    except ValueError as error:
+        said = printable(str(error), 200)
+        raise InputError(f"{path}: not a policy card, which is a JSON object ({said}).") from None
     if not isinstance(table, dict):
         raise InputError(f"{path}: not a policy card, which is a JSON object.")
     version = table.get("format_version")

@@ -40,8 +40,8 @@ def test_unknown_name_offers_the_nearest() -> None:
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    assert refusal(tmp_path / "no.toml") == f"{tmp_path}/no.toml: there is no such arena file."
-    assert refusal("no.toml") == "no.toml: there is no such arena file."
+    assert refusal(tmp_path / "no.toml") == f"{tmp_path}/no.toml: there is no such file."
+    assert refusal("no.toml") == "no.toml: there is no such file."
 
 
 def test_directory(tmp_path: Path) -> None:

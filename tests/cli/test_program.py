@@ -1,6 +1,5 @@
 """What hints print works as printed."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -31,9 +30,7 @@ def test_off_the_path_or_behind_another_robosim_where_it_lies_is_printed(
         assert hint("view", "run.rrd") == f"{COMMANDS.name}/robosim view run.rrd"
 
 
-def test_the_command_runs_as_printed() -> None:
-    command = f"{hint()} --version"
-    done = subprocess.run(
-        command, shell=True, env={**os.environ, "PATH": "/usr/bin:/bin"}, capture_output=True, text=True
-    )
+def test_the_command_runs_as_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "/usr/bin:/bin")
+    done = subprocess.run(f"{hint()} --version", shell=True, capture_output=True, text=True)
     assert (done.returncode, done.stdout.split()[0]) == (0, "robosim")

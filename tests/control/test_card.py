@@ -53,7 +53,8 @@ def refused(tmp_path, text):
         ("env.actions", "fly", 'env.actions is "fly", but must be "cardinal" or "wheels" or "wheels-9".'),
         ("env.arena", "/etc/passwd", 'env.arena is "/etc/passwd", but must be the text of an arena.'),
         ("env.pheromone.decay", 2, "env.pheromone.decay is 2, but must be a number from 1e-06 to 1."),
-        ("arena.cell_size", float("nan"), "arena.cell_size is nan, but must be a number above 0."),
+        ("arena.cell_size", 0.0, "arena.cell_size is 0.0, but must be a number above 0."),
+        ("arena.cell_size", float("nan"), "not a policy card, which is a JSON object (NaN is no JSON)."),
         ("arena.robot.mass", -1.0, "arena.robot.mass is -1.0, but must be a number from 0.01 to 100."),
         (
             "network.hidden",
@@ -101,7 +102,7 @@ def refused(tmp_path, text):
         ),
         (
             "evaluation.delivered",
-            [[10**400, 2, 3], [4, 5, 6]],
+            [[10**50, 2, 3], [4, 5, 6]],
             (
                 "evaluation.delivered is a whole number of more than 30 digits, but must be a list of lists "
                 "of whole numbers from 0 to 1000000000000000."
@@ -109,7 +110,7 @@ def refused(tmp_path, text):
         ),
         (
             "evaluation.robots",
-            10**400,
+            10**50,
             (
                 "evaluation.robots is a whole number of more than 30 digits, but must be "
                 "a whole number from 1 to 1000."

@@ -403,7 +403,7 @@ def test_replacing_leaves_nothing_behind_and_never_half(tmp_path, card, weights_
 
 def test_a_folder_with_other_things_is_never_replaced(tmp_path, card, weights_of):
     (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(InputError, match="holds 'thesis.tex', so it is not replaced by a policy"):
+    with pytest.raises(InputError, match='holds "thesis.tex", so it is not replaced by a policy'):
         save_policy(tmp_path, weights_of(card), card)
     with pytest.raises(InputError, match="this is a file; a policy is written to a folder"):
         save_policy(tmp_path / "thesis.tex", weights_of(card), card)

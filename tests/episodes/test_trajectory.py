@@ -309,7 +309,7 @@ LINE = "but must be one line of at most 4096 printable characters."
         ),
         (
             {"config": text(b'{"pellet_gradient": NaN}')},
-            "config: pellet_gradient is nan, but must be a number from 0 to 50.",
+            "config is not JSON (NaN is no JSON).",
         ),
         ({"policy": np.array("lanes")}, "policy is str160 [], but must be the bytes of a text."),
         ({"policy": text(b"\xff")}, "policy is byte 0, but must be UTF-8 text."),

@@ -268,9 +268,9 @@ def test_a_mistake_is_a_sentence(tmp_path, text, sentence):
 def test_a_file_that_cannot_be_read_is_a_sentence(tmp_path):
     with pytest.raises(InputError) as caught:
         read_sweep(tmp_path / "none.toml")
-    assert str(caught.value) == f"{tmp_path / 'none.toml'}: cannot be read: No such file or directory."
+    assert str(caught.value) == f"{tmp_path / 'none.toml'}: there is no such file."
     (tmp_path / "large.toml").write_text("#" * 1_000_001)
-    with pytest.raises(InputError, match="larger than 1000000 bytes, the most a sweep may have"):
+    with pytest.raises(InputError, match="larger than 1000000 bytes, the most it may have"):
         read_sweep(tmp_path / "large.toml")
     (tmp_path / "bytes.toml").write_bytes(b"\xff")
     with pytest.raises(InputError, match="not a TOML file"):
