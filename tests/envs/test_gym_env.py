@@ -17,7 +17,7 @@ def test_made_by_name_it_passes_gymnasiums_checker_without_a_warning() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env = gymnasium.make("robosim/Excavation-v0", robots=3, episode_steps=50, render_mode="rgb_array")
-        # The checker makes one for each mode, and a window needs a display: tests/envs/test_window.py has one.
+        # The checker makes one for each mode, and a window needs a display, as in test_window.py.
         env.unwrapped.metadata = {**env.unwrapped.metadata, "render_modes": ["rgb_array"]}
         check_env(env.unwrapped)
 
