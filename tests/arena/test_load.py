@@ -45,20 +45,20 @@ def test_missing_file(tmp_path: Path) -> None:
 
 
 def test_directory(tmp_path: Path) -> None:
-    sentence = f"{tmp_path}: this is a directory; give the arena file (.toml) itself."
+    sentence = f"{tmp_path}: this is a directory; a file is needed here."
     assert refusal(tmp_path) == refusal(str(tmp_path)) == sentence
 
 
 def test_not_utf8(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_bytes(b'name = "\xff"')
-    assert refusal(file) == f"{file}: byte 8 is not UTF-8, as an arena file must be."
+    assert refusal(file) == f"{file}: byte 8 is not UTF-8, as it must be."
 
 
 def test_too_large(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_bytes(b"#" * 1_000_001)
-    assert refusal(file) == f"{file}: the file is larger than 1000000 bytes, the most an arena may have."
+    assert refusal(file) == f"{file}: the file is larger than 1000000 bytes, the most it may have."
 
 
 @pytest.mark.parametrize("path", ["a\0b", "a\0b.toml", "x" * 5000, "/dev/null/x.toml"])

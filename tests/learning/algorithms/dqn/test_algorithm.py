@@ -69,7 +69,7 @@ def test_metrics_count_each_environment_s_own_episodes(corridor):
 
 
 def test_its_replay_is_a_large_memory_and_it_goes_on_in_the_same_bits():
-    whole, rest = build(SMALL), build(SMALL, 1)
+    whole, rest = build(SMALL, decisions=1000), build(SMALL, 1, decisions=1000)
     assert isinstance(whole, LargeMemory)
     check_that_a_restored_one_goes_on_in_the_same_bits(whole, rest, 60)
     first, last = whole.held()
