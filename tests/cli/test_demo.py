@@ -25,6 +25,7 @@ def test_leaves_a_policy_and_a_recording_and_shows_every_command(
     assert "random" in commands[3]
 
 
+@pytest.mark.slow
 def test_a_second_demo_keeps_the_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "mine.txt").write_text("mine")

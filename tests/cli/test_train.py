@@ -4,6 +4,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from robosim.cli.main import main
+from robosim.cli.program import hint
 from robosim.envs.variety import VarietyConfig
 from robosim.learning.config import read_config
 from robosim.learning.training import Training
@@ -120,7 +121,7 @@ def test_the_same_command_may_be_given_again_until_the_run_is_finished(tmp_path,
     with monkeypatch.context() as patched:
         patched.setattr(Training, "advance", stopping)
         assert main(command) == 130
-    assert "Stopped; go on with: robosim train --resume " in capsys.readouterr().out
+    assert f"Stopped; go on with: {hint('train', '--resume', folder)}" in capsys.readouterr().out
     assert main(command) == 0
     shown = capsys.readouterr()
     assert "240 joint decisions" in shown.out

@@ -198,9 +198,23 @@ def test_missing_field_is_one_sentence(tmp_path, card):
     )
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "7", "null", b"\xff\xfe", "[" * 100_000])
+@pytest.mark.parametrize("text", ["[]", "7", "null"])
 def test_what_is_no_card_is_refused(tmp_path, text):
     assert refused(tmp_path, text) == "not a policy card, which is a JSON object."
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "Expecting value: line 1 column 1 (char 0)"),
+        ("{", "Expecting property name enclosed in double quotes: line 1 column 2 (char 1)"),
+        (b"\xff\xfe", "'utf-16' codec can't decode"),
+        ("[" * 100_000, "it is nested too deeply"),
+    ],
+)
+def test_what_is_no_json_is_refused_with_the_reason(tmp_path, text, reason):
+    said = refused(tmp_path, text)
+    assert said.startswith(f"not a policy card, which is a JSON object ({reason}")
 
 
 def test_a_huge_card_is_refused(tmp_path):

@@ -43,6 +43,7 @@ def test_every_notebook_is_tested_and_kept_without_output(notebooks) -> None:
             assert cell.get("execution_count") is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_cell_runs(notebooks, name) -> None:
     names: dict[str, object] = {}

@@ -14,6 +14,7 @@ torchrl = pytest.importorskip(
 )
 
 
+@pytest.mark.slow
 def test_torchrl_trains_from_the_command_line_and_robosim_runs_the_team(examples, tmp_path) -> None:
     script = [sys.executable, examples / "torchrl_iql.py", "--frames", "400", "--out", tmp_path / "team"]
     run = subprocess.run(script, capture_output=True, text=True, timeout=300, check=True)

@@ -1,6 +1,8 @@
 import subprocess
 import sys
 
+import pytest
+
 import robosim
 from robosim.control.evaluate import evaluate
 
@@ -21,6 +23,7 @@ count = 8
 """
 
 
+@pytest.mark.slow
 def test_two_robots_learn_to_deliver(examples, tmp_path) -> None:
     from training_loop import learn
 

@@ -131,6 +131,7 @@ def test_killed_at_any_change_of_its_folder_a_run_ends_in_the_same_bits(tmp_path
 SLOW = TINY.with_options(steps=600, checkpoint_every=100, record_every=0, evaluation_steps=200)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", ["config.toml", "metrics.parquet", "policy/card.json", "finished.json"])
 def test_a_process_killed_when_a_file_appears_is_resumed_to_the_same_bits(tmp_path, sign, slow_run):
     at = tmp_path / "run"

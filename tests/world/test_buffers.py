@@ -11,7 +11,7 @@ from robosim.world.physics import buffers
 def test_buffers_are_used_again_by_the_episodes_that_follow() -> None:
     gc.collect()
     held = len(buffers._SPARE)
-    for _ in range(12):
+    for _ in range(5):
         env = VectorEnv("single-lane", robots=2, num_envs=2)
         env.reset()
         env.step(np.zeros((2, 2), np.int64))
