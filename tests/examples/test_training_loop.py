@@ -41,6 +41,7 @@ def test_two_robots_learn_to_deliver(examples, tmp_path) -> None:
     assert outcome.final_delivered.sum() >= by_chance + 12
 
 
+@pytest.mark.slow
 def test_it_runs_as_a_script_and_says_what_it_delivers(examples) -> None:
     script = [sys.executable, examples / "training_loop.py", "--steps", "160", "--test-steps", "10"]
     run = subprocess.run(script, capture_output=True, text=True, timeout=120, check=True)

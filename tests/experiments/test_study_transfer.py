@@ -6,6 +6,8 @@ import shutil
 import sys
 from pathlib import Path
 
+import pytest
+
 from robosim.arena import load_arena
 from robosim.control.controller import make_controller
 from robosim.control.environment import environment_for
@@ -23,6 +25,7 @@ def mean(controller: str, world: str, steps: int) -> float:
     return evaluate(team, env, 2, 3).mean
 
 
+@pytest.mark.slow
 def test_rows_are_evaluations_of_equal_simulated_time_and_seeds_share_one(
     tmp_path, monkeypatch, capsys
 ) -> None:

@@ -658,6 +658,7 @@ def test_a_folder_taken_away_stops_the_run_with_a_sentence(tmp_path):
     assert weights(tmp_path / "elsewhere") == weights(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_one_and_two_workers_give_the_same_bits_also_after_an_interrupt(tmp_path):
     config = short("smadrl", robots=3, steps=600)
     run(tmp_path / "one", config)
