@@ -46,7 +46,8 @@ def test_what_is_no_file_is_one_sentence(tmp_path: Path) -> None:
     assert refusal(tmp_path / "none") == f"{tmp_path / 'none'}: there is no such file."
     assert refusal(circle) == f"{circle}: cannot be read: Too many levels of symbolic links."
     assert refusal(long) == f"{long}: cannot be read: File name too long."
-    assert refusal(Path("a\0b")) == "a?b: cannot be read: embedded null byte."
+    # How Python calls it differs from version to version.
+    assert refusal(Path("a\0b")).startswith("a?b: cannot be read: ")
 
 
 def test_nothing_is_read_of_a_sparse_file_that_is_too_large(tmp_path: Path) -> None:
