@@ -19,7 +19,7 @@ from robosim.envs.gym_env import driver_of
 from robosim.envs.render import Painter, checked_render_mode
 from robosim.envs.seeding import fresh_seed
 from robosim.envs.spaces import robot_spaces
-from robosim.envs.vector import MAX_ENVS, VectorEnv, checked_actions, env_seeds
+from robosim.envs.vector import MAX_ENVS, VectorEnv, actions_in_rows, checked_actions, env_seeds
 from robosim.envs.workers import WorkerVectorEnv, vector_env
 from robosim.errors import InputError, refused, whole_number
 
@@ -161,10 +161,7 @@ class ExcavationVectorEnv(gymnasium.vector.VectorEnv[Observations, NDArray[np.in
 
     def _joint(self, actions: ArrayLike) -> NDArray[np.int64]:
         """Return the actions [envs, robots] of all robots, for those [rows] of the learners'."""
-        chosen, envs = np.asarray(actions), self._batch.num_envs
-        if chosen.shape != (self.num_envs,):
-            raise InputError(f"actions has the shape {list(chosen.shape)}, but must be [{self.num_envs}].")
-        own = chosen.reshape(envs, -1)
+        own = actions_in_rows(actions, self.num_envs).reshape(self._batch.num_envs, -1)
         own = checked_actions(own, own.shape, self._batch.num_actions)
         if self._others is None or not isinstance(self._batch, VectorEnv):
             return own

@@ -16,6 +16,7 @@ from robosim.envs.config import EnvConfig
 from robosim.envs.render import Painter, checked_render_mode
 from robosim.envs.seeding import fresh_seed
 from robosim.envs.spaces import robot_spaces
+from robosim.envs.vector import actions_in_rows
 from robosim.envs.workers import WorkerVectorEnv, vector_env
 from robosim.errors import InputError
 
@@ -67,10 +68,7 @@ class ExcavationVecEnv(VecEnv):
 
     def step_async(self, actions: NDArray[np.int64]) -> None:
         """Take the actions [rows] of the decision that `step_wait` carries out."""
-        chosen = np.asarray(actions)
-        if chosen.shape != (self.num_envs,):
-            raise InputError(f"actions has the shape {list(chosen.shape)}, but must be [{self.num_envs}].")
-        self._actions = chosen.reshape(self._actions.shape)
+        self._actions = actions_in_rows(actions, self.num_envs).reshape(self._actions.shape)
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], Infos]:
         """Take one decision in every environment."""

@@ -368,6 +368,14 @@ def env_seeds(seed: int | Sequence[int], num_envs: int) -> tuple[int, ...]:
     return seeds
 
 
+def actions_in_rows(actions: ArrayLike, rows: int) -> NDArray[Any]:
+    """Return actions as an array [rows], of faces whose rows are robots; InputError for another shape."""
+    array = np.asarray(actions)
+    if array.shape != (rows,):
+        raise InputError(f"actions has the shape {list(array.shape)}, but must be [{rows}].")
+    return array
+
+
 def checked_actions(actions: ArrayLike, shape: tuple[int, int], num_actions: int) -> NDArray[np.int64]:
     """Return actions as integers of `shape` [envs, robots]; InputError for another shape, kind or range."""
     allowed = f"whole numbers from 0 to {num_actions - 1}, [envs, robots] = {list(shape)}"

@@ -80,19 +80,19 @@ def leaderboard(
     an arena of one name has two texts.
     """
     own = read_runs(records)
-    shipped = [run for name, card in policies.items() if (run := shipped_run(name, card))]
+    shipped = {name: run for name, card in policies.items() if (run := shipped_run(name, card))}
     sources = {OURS: own, **{path.name: read_runs([path]) for path in others}}
-    require_same_tasks([*shipped, *(run for runs in sources.values() for run in runs)])
+    require_same_tasks([*shipped.values(), *(run for runs in sources.values() for run in runs)])
     entries, few = [], 0
     for source, runs in sources.items():
         whole = [group for group in _systems(runs) if source != OURS or len(group) >= LEAST_RUNS]
         few += len(runs) - sum(map(len, whole)) if source == OURS else 0
         entries += [_entry(method, group, source) for method, group in _named(whole)]
-    entries += [replace(_entry(run.technique, [run], OURS), kind="one team") for run in shipped]
+    entries += [replace(_entry(run.technique, [run], OURS), kind="one team") for run in shipped.values()]
     notes = (
         [f"{few} runs are left out: of their systems there are fewer than {LEAST_RUNS} seeds."] if few else []
     )
-    return Leaderboard(_ranked(entries, _reference(policies)), notes)
+    return Leaderboard(_ranked(entries, _reference(policies, shipped)), notes)
 
 
 def _systems(runs: Sequence[Run]) -> list[list[Run]]:
@@ -149,12 +149,12 @@ def _entry(method: str, runs: Sequence[Run], source: str) -> Entry:
     )
 
 
-def _reference(policies: Mapping[str, PolicyCard]) -> dict[Task, float]:
+def _reference(policies: Mapping[str, PolicyCard], shipped: Mapping[str, Run]) -> dict[Task, float]:
     """Return what `lanes` delivers by the cards of policies, where records do not say it."""
     known = {}
-    for name, card in policies.items():
-        run, reference = shipped_run(name, card), card.reference
-        if run is not None and reference is not None and reference.controller == REFERENCE:
+    for name, run in shipped.items():
+        reference = policies[name].reference
+        if reference is not None and reference.controller == REFERENCE:
             known[run.task] = reference.mean
     return known
 
