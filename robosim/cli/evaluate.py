@@ -37,6 +37,9 @@ class Evaluate:
     profile: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.toml")] = None
     """What is random and wrong about robots and what they perceive, by name or file (docs/noise.md); by
     default nothing, whatever profile a policy learned under."""
+    odometry: Annotated[float | None, tyro.conf.arg(metavar="WEIGHT")] = None
+    """Robots go on from late, lost and wild fixes by the turns of their wheels: the weight of a new fix
+    beside that, above 0 and up to 1 (0.3 does well). By default what the profile says."""
     episodes: int = 5
     """Episodes, run side by side."""
     steps: int | None = None
@@ -111,6 +114,7 @@ class Evaluate:
             seed=self.seed,
             episode_steps=self.steps,
             profile=self.profile,
+            odometry=self.odometry,
         )
 
     def _evaluate_several(self, teams: Sequence[tuple[Controller, VectorEnv]]) -> None:
@@ -206,6 +210,7 @@ class Evaluate:
             *(("--arena", arena) if arena else ()),
             *(("--world", self.world) if self.world else ()),
             *(("--profile", self.profile) if self.profile else ()),
+            *(("--odometry", str(self.odometry)) if self.odometry is not None else ()),
             *("--robots", str(evaluation.robots)),
             *("--episodes", str(evaluation.episodes)),
             *("--steps", str(evaluation.episode_steps)),

@@ -45,6 +45,8 @@ class Play:
     profile: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.toml")] = None
     """What is random and wrong about robots and what they perceive, by name or file (docs/noise.md); by
     default nothing, whatever profile a policy learned under."""
+    odometry: Annotated[float | None, tyro.conf.arg(metavar="WEIGHT")] = None
+    """Robots go on from their fixes by the turns of their wheels, as in `evaluate`."""
     steps: int | None = None
     """Decisions to record; by default a whole episode, as long as the arena or the trajectory says."""
     seed: int | None = None
@@ -303,6 +305,7 @@ class Play:
             episode_steps=self.steps,
             autoreset=False,
             profile=self.profile,
+            odometry=self.odometry,
         )
         return controller, env
 
@@ -311,7 +314,7 @@ class Play:
         from robosim.episodes.trajectory import load_trajectory
         from robosim.errors import InputError
 
-        for option in ("arena", "robots", "world", "profile", "seed", "save_trajectory"):
+        for option in ("arena", "robots", "world", "profile", "odometry", "seed", "save_trajectory"):
             if getattr(self, option) is not None:
                 raise InputError(
                     f"--{option.replace('_', '-')} cannot be given with {self.policy}: "

@@ -24,12 +24,14 @@ def environment_for(
     episode_steps: int | None = None,
     autoreset: bool = True,
     profile: ProfileConfig | str | Path | None = None,
+    odometry: float | None = None,
 ) -> VectorEnv:
     """Return an environment whose observations and actions fit `controller`.
 
     What is left open is what a policy was trained with, or else what `EnvConfig` says. Pellets lie evenly,
     episodes are as long as the arena says, and nothing is random or wrong about robots without a `profile`,
-    however the policy learned. Raises InputError for values out of range.
+    however the policy learned. `odometry` takes the place of what the profile says of it (`SensingConfig`).
+    Raises InputError for values out of range.
     """
     config = controller.policy.card.env if isinstance(controller, LearnedController) else EnvConfig()
     config = config.changed(profile=None)
@@ -44,4 +46,5 @@ def environment_for(
         seed=seed,
         autoreset=autoreset,
         profile=profile,
+        sensing_odometry=odometry,
     )

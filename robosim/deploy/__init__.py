@@ -3,5 +3,6 @@
 from robosim.deploy.controller import Command, Controller
 from robosim.deploy.log import DecisionLog
 from robosim.deploy.readings import Readings
+from robosim.discretise.reckoning import Reckoning
 
-__all__ = ["Command", "Controller", "DecisionLog", "Readings"]
+__all__ = ["Command", "Controller", "DecisionLog", "Readings", "Reckoning"]

@@ -51,7 +51,7 @@ class SimulatedRobots:
         )
         """The world inside, for measurements and pictures: `state` and `contacts` of the last decision."""
         self.world.reset([np.random.SeedSequence(seed, spawn_key=(episode,))])
-        self._sensor = make_sensor(profile.sensing, self.arena, 1, config.robots)
+        self._sensor = make_sensor(profile.sensing, self.world)
         self._sensor.reset([np.random.SeedSequence(seed, spawn_key=(episode, SENSING))])
         self._periods = 0
         self._look()

@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from robosim.arena.model import Arena, Zone
+from robosim.discretise.reckoning import Reckoning
 from robosim.discretise.sensing import ExactSensor, Percept, Sensor
 from robosim.records import Record
 from robosim.robot.kinematics import wrap_angle
 from robosim.world.chance import Chance, child, normal, uniform
-from robosim.world.state import WorldState
+from robosim.world.contacts import ContactKind
+from robosim.world.state import World, WorldState
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -47,6 +49,9 @@ class SensingConfig(Record):
     """Decisions from one fix to the next."""
     delay: int = Field(default=0, ge=0, le=LONGEST_DELAY)
     """Decisions from a fix being made to its arriving."""
+    odometry: float | None = Field(default=None, gt=0, le=1)
+    """Robots go on from their last fix by the turns of their wheels, and this is the weight of a new fix
+    beside that; none for robots that go by fixes alone."""
 
 
 class ReadingConfig(Record):
@@ -114,8 +119,13 @@ class NoisySensor:
     robots know the map.
     """
 
-    def __init__(self, config: SensingConfig, arena: Arena, num_envs: int, robots: int) -> None:
+    def __init__(
+        self, config: SensingConfig, arena: Arena, num_envs: int, robots: int, travel: Floats | float = 0.0
+    ) -> None:
+        """`travel` (m) is the farthest that robots come in a decision: of use where they count turns."""
         self._config = config
+        self._travel = travel
+        self._reckoning: Reckoning | None = None
         self._shape = (num_envs, robots)
         self._exact = ExactSensor()
         self._cell_size = arena.cell_size
@@ -132,6 +142,8 @@ class NoisySensor:
         robots = self._shape[1]
         self._decision = 0
         self._arrivals, self._made = Arrivals(self._config.delay), Arrivals(self._config.delay)
+        if self._config.odometry is not None:
+            self._reckoning = Reckoning(self._config.odometry, self._travel, self._config.delay)
         self._errors = normal([child(seed, _NORMAL) for seed in seeds], (robots, 5))
         self._odds = uniform([child(seed, _UNIFORM) for seed in seeds], (robots, 2))
 
@@ -142,9 +154,16 @@ class NoisySensor:
         kept = odds[..., 1] >= config.dropout
         if self._decision % config.update_every:
             kept = np.zeros_like(kept)
+        was = self.age
         self.age = self._decision - self._made.take(np.full(self._shape, float(self._decision)), kept)
         self._decision += 1
-        return self._exact.sense(state)._replace(pose=self._arrivals.take(fixed, kept))
+        pose = self._arrivals.take(fixed, kept)
+        percept = self._exact.sense(state)
+        if self._reckoning is not None:
+            slips = percept.touched[ContactKind.ROBOT_ROBOT] | percept.touched[ContactKind.ROBOT_WALL]
+            pose = self._reckoning.update(pose, self.age <= was, state.odometry, slips, self._config.delay)
+            pose[..., :2] = self._off_walls(pose[..., :2])
+        return percept._replace(pose=pose)
 
     def _fix(self, pose: Floats, errors: Floats, outlier: Bools) -> Floats:
         """Return the poses [envs, robots, 3] that are measured, in an array of their own."""
@@ -167,9 +186,13 @@ class NoisySensor:
         return np.where(walled, inside, position)
 
 
-def make_sensor(config: SensingConfig, arena: Arena, num_envs: int, robots: int) -> Sensor:
-    """Return the sensor of a configuration: the exact one where nothing errs."""
-    return ExactSensor() if config == EXACT_SENSING else NoisySensor(config, arena, num_envs, robots)
+def make_sensor(config: SensingConfig, world: World) -> Sensor:
+    """Return the sensor of a configuration for the robots of `world`: the exact one where nothing errs."""
+    if config.changed(odometry=None) == EXACT_SENSING:
+        return ExactSensor()
+    if config.odometry is not None:
+        world.count_turns()
+    return NoisySensor(config, world.arena, world.num_envs, world.robots, world.travel)
 
 
 class Reader:

@@ -132,7 +132,7 @@ class VectorEnv:
         self.arena = self._world.arena
         """The map, with the timing of the world."""
         self.episode_steps = config.episode_steps or self.arena.timing.episode_steps
-        sensor = make_sensor(profile.sensing, arena, self.num_envs, config.robots)
+        sensor = make_sensor(profile.sensing, self._world)
         self._dec = DecPomdp(
             self._world, self.layout, config.reward, config.pheromone, sensor, profile.pheromones
         )

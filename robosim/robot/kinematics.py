@@ -35,6 +35,39 @@ def wheel_speeds_for(sheet: TeamSheet, speed: Floats, turn_rate: Floats) -> Floa
     return wheels
 
 
+def driven(pose: Floats, speed: Floats, turn_rate: Floats, time: Floats | float) -> Floats:
+    """Return where a body [..., 3] (x m, y m, heading rad) is after it has moved so for a time (s).
+
+    `speed` (m/s) and `turn_rate` (rad/s) are [...] and constant, so the body describes an arc. The heading is
+    not folded.
+    """
+    half_turn = turn_rate * (0.5 * time)
+    chord = speed * time * np.sinc(half_turn / np.pi)
+    course = pose[..., 2] + half_turn
+    return np.stack(
+        [
+            pose[..., 0] + chord * np.cos(course),
+            pose[..., 1] + chord * np.sin(course),
+            pose[..., 2] + 2.0 * half_turn,
+        ],
+        axis=-1,
+    )
+
+
+def moved_on(pose: Floats, before: Floats, now: Floats) -> Floats:
+    """Return `pose` [..., 3] after the motion from `before` to `now` [..., 3], as seen by who moves.
+
+    The heading is not folded.
+    """
+    apart = now - before
+    turned = pose[..., 2] - before[..., 2]
+    cos, sin = np.cos(turned), np.sin(turned)
+    moved = pose + apart
+    moved[..., 0] = pose[..., 0] + cos * apart[..., 0] - sin * apart[..., 1]
+    moved[..., 1] = pose[..., 1] + sin * apart[..., 0] + cos * apart[..., 1]
+    return moved
+
+
 def slew(current: Floats, command: Floats, max_speed: Floats | float, max_change: Floats | float) -> Floats:
     """Return the wheel speeds one control period later, within the limits of speed and acceleration.
 

@@ -83,6 +83,9 @@ class WorldState(EqualByValue):
     refused: Bools
     """[envs, robots] a move onto a cell was refused, and none has succeeded since; where bodies push, who is
     held back by the distance that it keeps."""
+    odometry: Floats
+    """[envs, robots, 3] x m, y m, heading rad by the turns of a robot's wheels alone, which do not know of
+    slipping: of use are differences. Where nobody asked for it by `count_turns`, it stays as it is."""
 
 
 def blank_state(num_envs: int, robots: int, pellets: int) -> WorldState:
@@ -104,6 +107,7 @@ def blank_state(num_envs: int, robots: int, pellets: int) -> WorldState:
         refilled=np.zeros(num_envs, dtype=np.int64),
         fresh=np.zeros((num_envs, pellets), dtype=np.bool_),
         refused=np.zeros(shape, dtype=np.bool_),
+        odometry=np.zeros((*shape, 3)),
     )
 
 
@@ -155,4 +159,8 @@ class World(Setting, Protocol):
 
     def meter(self) -> None:
         """Meter `closest` from now on, and `wheel_energy` in worlds that have wheels."""
+        ...
+
+    def count_turns(self) -> None:
+        """Keep the state's `odometry` from now on."""
         ...

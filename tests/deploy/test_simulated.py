@@ -13,11 +13,12 @@ from robosim.envs.profile import ProfileConfig
 from robosim.errors import InputError
 
 
-def test_under_a_profile_they_move_as_in_an_evaluation_under_it() -> None:
+@pytest.mark.parametrize("odometry", [None, 0.3])
+def test_under_a_profile_they_move_as_in_an_evaluation_under_it(odometry: float | None) -> None:
     """To the bit at first; then steering by a fix, and by what lies between fix and truth, round apart."""
     policy = load_policy("paper-2")
     chooser = LearnedController(policy, "paper-2")
-    env = environment_for(chooser, seed=2, profile="robotarium")
+    env = environment_for(chooser, seed=2, profile="robotarium", odometry=odometry)
     observation = env.reset()
     chooser.reset(env)
     controller, robots = Controller(policy, max_age=2.0), SimulatedRobots(env.config, env.seeds[0])

@@ -15,6 +15,7 @@ from robosim.discretise.noise import (
     nearest_free,
 )
 from robosim.discretise.sensing import ExactSensor
+from robosim.world.factory import make_world
 from robosim.world.state import WorldState, blank_state
 
 PAPER = load_arena("paper")
@@ -43,8 +44,9 @@ def moving(decision: int) -> WorldState:
 
 
 def test_a_sensor_without_errors_is_the_exact_one() -> None:
-    assert isinstance(make_sensor(SensingConfig(), PAPER, ENVS, ROBOTS), ExactSensor)
-    assert isinstance(make_sensor(SensingConfig(delay=1), PAPER, ENVS, ROBOTS), NoisySensor)
+    world = make_world("physics", PAPER, ROBOTS, ENVS)
+    assert isinstance(make_sensor(SensingConfig(), world), ExactSensor)
+    assert isinstance(make_sensor(SensingConfig(delay=1), world), NoisySensor)
 
 
 def test_errors_are_as_large_as_the_profile_says_and_centred() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from robosim.robot.kinematics import body_twist, slew, wheel_speeds_for, wrap_angle
+from robosim.robot.kinematics import body_twist, driven, moved_on, slew, wheel_speeds_for, wrap_angle
 from robosim.robot.sheet import GRAVITY, RobotSheet
 
 SHEETS = st.builds(RobotSheet, wheel_radius=st.floats(0.001, 0.5), wheel_base=st.floats(0.005, 2.0))
@@ -70,3 +70,31 @@ def test_angles_are_folded_into_half_open_half_turns(angle) -> None:
     assert -math.pi <= folded <= math.pi
     assert math.cos(folded) == pytest.approx(math.cos(angle), abs=1e-9)
     assert math.sin(folded) == pytest.approx(math.sin(angle), abs=1e-9)
+
+
+POSES = arrays(np.float64, (4, 3), elements=st.floats(-10.0, 10.0))
+
+
+@given(POSES, arrays(np.float64, (4, 2), elements=st.floats(-5.0, 5.0)), st.floats(0.0, 2.0))
+def test_a_body_describes_the_arc_that_small_steps_describe(pose, twist, time) -> None:
+    speed, rate = twist.T
+    x, y, heading = pose.T
+    steps = 2000
+    for step in range(steps):
+        along = heading + rate * time * (step + 0.5) / steps
+        x, y = x + speed * time / steps * np.cos(along), y + speed * time / steps * np.sin(along)
+    expected = np.stack([x, y, heading + rate * time], axis=-1)
+    np.testing.assert_allclose(driven(pose, speed, rate, time), expected, atol=1e-4)
+
+
+@given(POSES, POSES, POSES)
+def test_the_same_motion_from_elsewhere_looks_the_same_to_who_moves(pose, before, now) -> None:
+    def seen(place, whence):
+        """Return where a place lies ahead and to the left of a pose, and how it is turned against it."""
+        apart = place[:, :2] - whence[:, :2]
+        cos, sin = np.cos(whence[:, 2]), np.sin(whence[:, 2])
+        ahead, left = cos * apart[:, 0] + sin * apart[:, 1], cos * apart[:, 1] - sin * apart[:, 0]
+        return np.stack([ahead, left, place[:, 2] - whence[:, 2]], axis=-1)
+
+    moved = moved_on(pose, before, now)
+    np.testing.assert_allclose(seen(moved, pose), seen(now, before), atol=1e-9)

@@ -7,8 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robosim.arena import load_arena
+from robosim.robot.drivers import Wheels
+from robosim.robot.kinematics import moved_on, wrap_angle
 from robosim.robot.sheet import GRAVITY
 from robosim.world.contacts import ContactKind
+from robosim.world.physics import PhysicsWorld
 
 SHAPES = {
     "circle": {},
@@ -218,3 +222,37 @@ def test_a_mirrored_world_moves_as_the_mirror_image(bench) -> None:
             worst = max(worst, abs(one.angle + two.angle))
     print(f"mirror images differ by at most {worst:.1e} after 4 s")
     assert worst < 1e-6
+
+
+def test_wheels_that_do_not_slip_count_how_far_a_robot_has_come() -> None:
+    world = PhysicsWorld(load_arena("paper"), 1, 1, "wheels-9")
+    world.count_turns()
+    world.reset([np.random.SeedSequence(3)])
+    start, state = world.state.pose.copy(), world.state
+    rng = np.random.default_rng(1)
+    for _ in range(10):
+        world.step(rng.integers(0, 9, (1, 1)), np.zeros((1, 1), np.int8))
+        if state.touched.any():
+            break
+        reckoned = moved_on(start, np.zeros_like(start), state.odometry)
+        off = reckoned - state.pose
+        # The solver moves bodies by the velocity before a substep: at each change of speed they lag.
+        assert np.hypot(off[0, 0, 0], off[0, 0, 1]) < 0.01
+        assert abs(wrap_angle(off[0, 0, 2])) < 0.1
+    assert np.hypot(*(state.pose - start)[0, 0, :2]) > 0.05
+
+
+def test_wheels_that_slip_count_on_and_counting_changes_nothing() -> None:
+    worlds = [PhysicsWorld(load_arena("paper"), 1, 1, "wheels") for _ in range(2)]
+    worlds[0].count_turns()
+    for world in worlds:
+        world.reset([np.random.SeedSequence(3)])
+        for _ in range(60):
+            world.step(np.full((1, 1), Wheels.FORWARD), np.zeros((1, 1), np.int8))
+    counted, plain = (world.state for world in worlds)
+    assert np.array_equal(counted.pose, plain.pose)
+    assert not plain.odometry.any()
+    # It has stood at a wall since, its wheels turning.
+    turned = counted.odometry[0, 0, 0]
+    assert turned == pytest.approx(60 * worlds[0].travel, rel=0.02)
+    assert turned > 3.0

@@ -89,6 +89,8 @@ class GridWorld:
         self.turn: Floats | float = np.pi if actions == "cardinal" else 0.5 * np.pi
         shape = (num_envs, robots)
         self.state = blank_state(num_envs, robots, arena.pellets.count)
+        # Nothing slips here.
+        self.state.odometry = self.state.pose
         self.contacts = no_contacts()
         self.wheel_energy: Floats = np.full(shape, np.nan)
         self.closest: Floats = np.full(shape, np.inf)
@@ -119,6 +121,9 @@ class GridWorld:
         """Meter `closest` from now on; there are no wheels, so their energy stays NaN."""
         self._metered = True
         np.minimum(self.closest, to_nearest(self.state.pose), out=self.closest)
+
+    def count_turns(self) -> None:
+        """Nothing is left to do: a robot always knows which move it has made."""
 
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment; everything random in it comes from its one of `seeds`."""

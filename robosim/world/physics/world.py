@@ -12,7 +12,7 @@ from robosim.arena.checks import MOST_WORK
 from robosim.arena.model import Arena, Zone
 from robosim.errors import refused
 from robosim.robot.drivers import ActionKind, make_driver
-from robosim.robot.kinematics import body_twist, slew, wrap_angle
+from robosim.robot.kinematics import body_twist, driven, slew, wrap_angle
 from robosim.robot.team import per_wheel
 from robosim.world.contacts import no_contacts
 from robosim.world.draws import Draws, draw_episode, room_apart
@@ -103,6 +103,7 @@ class PhysicsWorld:
         """[envs, robots] energy lost at the wheels in the episode so far, J; 0 without `meter`."""
         self.closest: Floats = np.full(shape, np.inf)
         self._metered = False
+        self._counts_turns = False
         self._traction = np.zeros(shape)
         self._max_speed = np.zeros((*shape, 1))
         self._commands = np.zeros((*shape, 3))
@@ -138,6 +139,10 @@ class PhysicsWorld:
         if self._spaces:
             np.minimum(self.closest, to_nearest(self.state.pose), out=self.closest)
 
+    def count_turns(self) -> None:
+        """Keep the state's `odometry` from now on: what the wheels turn, whether they slip or not."""
+        self._counts_turns = True
+
     def reset(self, seeds: Sequence[np.random.SeedSequence]) -> None:
         """Begin an episode in every environment; everything random in it comes from its one of `seeds`."""
         self._rngs = [np.random.default_rng(seed) for seed in seeds]
@@ -157,7 +162,8 @@ class PhysicsWorld:
             nothing.fill(-1)
         for cleared in (
             state.touched, state.lost, state.fresh, state.velocity, state.deliveries, state.delivered,
-            state.refilled, state.refused, self.wheel_energy, self.wheel_speeds, self._control_steps,
+            state.odometry, state.refilled, state.refused, self.wheel_energy, self.wheel_speeds,
+            self._control_steps,
         ):  # fmt: skip
             cleared.fill(0)
         state.pellet_status.fill(LOOSE)
@@ -260,16 +266,17 @@ class PhysicsWorld:
 
     def _push(self, wheel_speeds: Floats) -> None:
         """Do what `drive` does, but do not look where the bodies have come to."""
-        motors = self._motors
+        motors, timing = self._motors, self.arena.timing
         if motors is not None:
             wheel_speeds = motors.geared(wheel_speeds)
             if motors.gradual or self.ramps:
                 self._push_gradually(motors, wheel_speeds)
                 return
         self.wheel_speeds = slew(self.wheel_speeds, wheel_speeds, self._max_speed, self._max_change)
+        self._count(timing.control_period)
         self._command(self.state.pose[..., 2], self._half_period)
         if motors is not None:
-            self._driven = self._commands * self.arena.timing.control_period
+            self._driven = self._commands * timing.control_period
         self._control_steps += 1
         for env, space in enumerate(self._spaces):
             space.drive()
@@ -287,6 +294,7 @@ class PhysicsWorld:
                     heading[env] = space.poses()[:robots, 2]
             wanted = motors.wanted(self.wheel_speeds)
             self.wheel_speeds = slew(self.wheel_speeds, wanted, self._max_speed, motors.max_change)
+            self._count(timing.substep)
             self._command(heading, motors.half_substep)
             self._driven += self._commands * timing.substep
             for space in self._spaces:
@@ -294,6 +302,12 @@ class PhysicsWorld:
         self._control_steps += 1
         for env, space in enumerate(self._spaces):
             self._log.add(env, space.list_contacts())
+
+    def _count(self, time: float) -> None:
+        """Count the turns of the wheels while they hold their present speeds for a time (s)."""
+        if self._counts_turns:
+            twist = body_twist(self.team.sheet, self.wheel_speeds)
+            self.state.odometry[...] = driven(self.state.odometry, *twist, time)
 
     def _command(self, heading: Floats, half: Floats) -> None:
         """Command the velocities that the wheel speeds give robots of a heading, for twice `half` s."""
