@@ -144,6 +144,24 @@ def test_evaluate_says_under_which_profile(tmp_path: Path, capsys) -> None:
     assert capsys.readouterr().err == "robosim: No profile is named 'mocop': did you mean mocap?\n"
 
 
+def test_evaluate_takes_odometry_with_a_profile_and_without(tmp_path: Path, capsys) -> None:
+    command, out = (
+        ["evaluate", "lanes", "--robots", "2", "--episodes", "1", "--steps", "4"],
+        tmp_path / "o.json",
+    )
+    assert main([*command, "--profile", "mocap", "--odometry", "0.3", "--json", str(out)]) == 0
+    assert capsys.readouterr().out.startswith("lanes in paper (profile mocap, changed), 2 robots, ")
+    sensing = Evaluation.from_table(json.loads(out.read_text()), "o.json").profile.sensing
+    assert sensing == load_profile("mocap").sensing.changed(odometry=0.3)
+    assert main([*command, "--odometry", "0.3"]) == 0
+    assert main([*command, "--odometry", "1.5"]) == 2
+    error = capsys.readouterr().err
+    assert (
+        error
+        == "robosim: profile.sensing.odometry is 1.5, but must be a number above 0 and of at most 1 or None.\n"
+    )
+
+
 def test_train_takes_a_profile_and_changes_of_it(tmp_path: Path, capsys) -> None:
     options = ["--steps", "60", "--num-envs", "2", "--episode-steps", "30", "--warmup", "20", "--hidden", "8"]
     options += ["--evaluation-episodes", "0", "--technique", "iql", "--out", str(tmp_path / "run")]
