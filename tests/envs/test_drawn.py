@@ -155,10 +155,8 @@ def test_evaluate_takes_odometry_with_a_profile_and_without(tmp_path: Path, caps
     assert sensing == load_profile("mocap").sensing.changed(odometry=0.3)
     assert main([*command, "--odometry", "0.3"]) == 0
     assert main([*command, "--odometry", "1.5"]) == 2
-    error = capsys.readouterr().err
-    assert (
-        error
-        == "robosim: profile.sensing.odometry is 1.5, but must be a number above 0 and of at most 1 or None.\n"
+    assert capsys.readouterr().err == (
+        "robosim: profile.sensing.odometry is 1.5, but must be a number above 0 and of at most 1 or None.\n"
     )
 
 
