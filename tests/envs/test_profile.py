@@ -41,7 +41,7 @@ def history(profile: object, *, envs: int = 2, seed: object = 3, world: str = "p
 
 
 def test_the_profiles_that_ship_are_sound_and_say_what_they_stand_for() -> None:
-    assert profile_names() == ["harsh", "mocap", "none", "robotarium"]
+    assert profile_names() == ["broad", "harsh", "mocap", "none", "robotarium"]
     for name in profile_names():
         profile = load_profile(name)
         assert profile.name == name
