@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
 import stat
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from robosim.errors import InputError, printable
 
@@ -36,17 +38,46 @@ def read_limited(path: Path, most: int) -> bytes:
 
     A pipe in its place is not waited for, and nothing of a file that is too large is read.
     """
+    with _regular_file(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        # A file may grow while it is read.
+        data = b"" if size > most else file.read(most + 1)
+    if size > most or len(data) > most:
+        raise InputError(f"{path}: the file is larger than {most} bytes, the most it may have.")
+    return data
+
+
+def read_lines(path: Path, longest: int) -> Iterator[bytes]:
+    """Yield the lines of a regular file, without their ends; a last one that has none is left out.
+
+    One line is held at a time, whatever the size of the file. InputError for anything but a regular file, and
+    for a line of more than `longest` bytes.
+    """
+    with _regular_file(path) as file:
+        number = 0
+        while line := file.readline(longest + 1):
+            number += 1
+            if line.endswith(b"\n"):
+                yield line[:-1]
+            elif len(line) > longest:
+                raise InputError(
+                    f"{path}: line {number} is longer than {longest} bytes, the most it may have."
+                )
+
+
+@contextlib.contextmanager
+def _regular_file(path: Path) -> Iterator[BinaryIO]:
+    """Give a regular file, open for reading; InputError for what is none or cannot be read."""
     try:
         # Looked at once it is open: another may take its place before.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
         with open(handle, "rb") as file:  # noqa: PTH123  a handle is no path
-            state = os.fstat(handle)
-            if stat.S_ISDIR(state.st_mode):
+            mode = os.fstat(handle).st_mode
+            if stat.S_ISDIR(mode):
                 raise IsADirectoryError
-            if not stat.S_ISREG(state.st_mode):
+            if not stat.S_ISREG(mode):
                 raise InputError(f"{path}: not a regular file.")
-            # A file may grow while it is read.
-            data = b"" if state.st_size > most else file.read(most + 1)
+            yield file
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file.") from None
     except IsADirectoryError:
@@ -56,9 +87,6 @@ def read_limited(path: Path, most: int) -> bytes:
             raise
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise InputError(f"{path}: cannot be read: {reason}.") from None
-    if state.st_size > most or len(data) > most:
-        raise InputError(f"{path}: the file is larger than {most} bytes, the most it may have.")
-    return data
 
 
 def read_text(path: Path, most: int) -> str:

@@ -190,7 +190,10 @@ class World(_Common):
             "robots": "processes of their own",
             "rewards": "not worked out: nobody learns here",
         }
-        with live_recording(self.save, arena, robots=robots, about=about, view=self.view, say=say) as add:
+        kept = live_recording(
+            self.save, arena, robots=robots, about=about, view=self.view, say=say, rewards=False
+        )
+        with kept as add:
             yield add
         say(f"{self.save}: open it with: {hint('view', self.save)}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from robosim.episodes.trajectory import Trajectory
     from robosim.playback.episode import OnStep, Recorded
 
+LOG_SUFFIX = ".jsonl"
+"""What the name of a controller's log ends in."""
+_OF_LOGS = {"policy", "save", "steps", "view"}
+"""Options that go with a log."""
 AROUND = 5.0
 """Time before and after a clog that `--clogs-only` records, s."""
 LONGEST_AROUND = 1e9
@@ -34,8 +38,9 @@ class Play:
     """Run one episode, or a saved one again, and record it for the rerun viewer, or film it."""
 
     policy: Annotated[str, tyro.conf.Positional] = "any"
-    """Trained policy by name, policy or run folder, scripted controller by name, or a saved trajectory (.npz)
-    to run again; by default `any`, one network for teams of 1 to 32 robots in any arena of its robot."""
+    """Trained policy by name, policy or run folder, scripted controller by name, a saved trajectory (.npz) to
+    run again, or the log of a controller of real robots (.jsonl) to show; by default `any`, one network for
+    teams of 1 to 32 robots in any arena of its robot."""
     arena: str | None = None
     """Arena by name, or the path of its file; by default the one a policy learned in, or `paper`."""
     robots: int | None = None
@@ -87,6 +92,9 @@ class Play:
         self._check_around()
         self._check_film()
         placed = replace(self, save=self._place())
+        if Path(self.policy).suffix == LOG_SUFFIX:
+            placed._run_log()
+            return
         again = Path(self.policy).suffix == SUFFIX
         if self.clogs_only:
             recorded = placed._run_clogs(again)
@@ -243,6 +251,24 @@ class Play:
             film(_told(frames, on_step), arena, self.video, speed=speed, long_side=self.size or LONG_SIDE)
         seconds, size = decisions * arena.timing.decision_period, self.video.stat().st_size / 1e6
         print(f"{self.video}: {decisions} decisions, {seconds:.0f} s at speed {speed:g}, {size:.1f} MB")
+
+    def _run_log(self) -> None:
+        """Record what the log of a controller tells."""
+        from robosim.cli.control_log import record_log
+        from robosim.errors import InputError
+
+        for option in fields(self):
+            if option.name not in _OF_LOGS and getattr(self, option.name) != option.default:
+                raise InputError(
+                    f"--{option.name.replace('_', '-')} cannot be given with {self.policy}: "
+                    "the log of a controller is shown as it is, whole or up to --steps."
+                )
+        what, complete = record_log(Path(self.policy), self.recording, self.steps)
+        self._say_done(what, complete)
+        if self.view:
+            from robosim.cli.view import View
+
+            View(self.recording).run()
 
     def _run_clogs(self, again: bool) -> bool:
         """Watch first, then record the clogs; return whether there were any."""

@@ -114,7 +114,7 @@ class Controller:
         self._periods = 0
         self._decision = NOT_BEGUN
         if log is not None:
-            log.begin(name, self.config, max_age)
+            log.begin(name, self.config, max_age, shared_map=memory is not None)
 
     @property
     def decisions(self) -> int:

@@ -90,6 +90,11 @@ class RealTeam:
         return np.asarray(self._dec.pheromone.occupancy[0])
 
     @property
+    def shown_mode(self) -> NDArray[np.uint8]:
+        """[robots] `Mode`, with COLLISION overlaid; changes with decisions."""
+        return np.asarray(self._dec.shown_mode[0])
+
+    @property
     def pose(self) -> Floats:
         """[robots, 3] where the robots were seen last, on the map."""
         return np.asarray(self._state.pose[0])

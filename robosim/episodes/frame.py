@@ -28,7 +28,7 @@ class Frame(EqualByValue):
     action: NDArray[np.int64]
     """[robots] action taken that led here (4 after reset)."""
     reward: NDArray[np.float32]
-    """[robots]."""
+    """[robots]; NaN where nobody works them out."""
     pellets: NDArray[np.float64]
     """[pellets, 2] m."""
     pellet_status: NDArray[np.uint8]

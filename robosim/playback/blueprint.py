@@ -15,6 +15,9 @@ _PLAYBACK_FPS = 20.0
 _MODE_STEPS = 200
 """Decisions before and after the present one that the lanes of modes show."""
 
+_LANE_SECONDS = 60.0
+"""Time before and after the present that the lanes of a controller's log show, s."""
+
 _TRACK_SECONDS = 20.0
 """How long a robot's track is seen, s."""
 
@@ -23,34 +26,27 @@ _WIDE = 2.2
 
 
 def make_blueprint(
-    arena: Arena, robots: int, *, follow: bool = False, learning: bool = False
+    arena: Arena, robots: int, *, follow: bool = False, learning: bool = False, rewards: bool = True
 ) -> rrb.Blueprint:
     """Return the layout: the arena as large as its shape allows, modes below it, plots and log around.
 
     With `follow` the viewer shows the newest moment as a run goes on, and with `learning` the curves of a
-    training, before the plots of its episodes.
+    training, before the plots of its episodes. Without `rewards` there is no plot of them.
     """
     width, height = arena.size
     modes = _mode_views()
     delivered = _plot("Pellets delivered by the team", entities.DELIVERED, legend=False)
     each = _plot("Pellets delivered by each robot", entities.DELIVERED_BY_ROBOT, legend=robots <= 10)
     density = _plot("Tunnel density, robots per cell of length", entities.DENSITY, legend=False)
-    reward = _plot("Reward, mean of the team and of 20 decisions", entities.REWARD, legend=False)
-    words = rrb.Tabs(
-        rrb.TextLogView(
-            origin="log",
-            name="Events",
-            columns=rrb.TextLogColumns(text_log_columns=[TextLogColumn("Body")]),
-        ),
-        rrb.TextDocumentView(origin=entities.ABOUT, name="About this run"),
-    )
+    plotted = [delivered, each, density]
+    if rewards:
+        plotted.append(_plot("Reward, mean of the team and of 20 decisions", entities.REWARD, legend=False))
+    words = _words()
     view, legend = _arena_view(arena), _legend_view(len(palette.legend(arena.team(robots))))
     playing: Literal["following", "paused"] = "following" if follow else "paused"
     layout: rrb.Container
     if width > _WIDE * height:
-        plots: rrb.Container = rrb.Grid(
-            delivered, each, density, reward, grid_columns=2, name="Plots of the episode"
-        )
+        plots: rrb.Container = rrb.Grid(*plotted, grid_columns=2, name="Plots of the episode")
         if learning:
             plots = rrb.Tabs(_learning_curves(), plots)
         lower = rrb.Horizontal(modes, plots, words, column_shares=[1.6, 1.7, 0.8])
@@ -58,7 +54,7 @@ def make_blueprint(
     else:
         left = rrb.Vertical(view, legend, modes, row_shares=[5.0, 0.4, min(0.6 + 0.28 * (robots + 1), 4.0)])
         right: rrb.Container = rrb.Vertical(
-            delivered, each, density, reward, words, row_shares=[1.2, 1.2, 1.0, 1.0, 1.3], name="Episode"
+            *plotted, words, row_shares=[1.2, 1.2, 1.0, 1.0, 1.3][-len(plotted) - 1 :], name="Episode"
         )
         if learning:
             right = rrb.Tabs(_learning_curves(), right)
@@ -70,6 +66,58 @@ def make_blueprint(
         rrb.TimePanel(state="collapsed", timeline=entities.STEP, fps=_PLAYBACK_FPS, play_state=playing),
         auto_views=False,
         auto_layout=False,
+    )
+
+
+def make_control_blueprint(arena: Arena, robots: int) -> rrb.Blueprint:
+    """Return the layout for a controller's log: the arena, lanes of what robots did and why, commands."""
+    view, legend = _arena_view(arena), _legend_view(len(palette.control_legend(arena.team(robots))))
+    lanes = rrb.Tabs(
+        *(
+            rrb.StateTimelineView(
+                origin=origin,
+                name=name,
+                time_view=rrb.TimeAxis(
+                    view_range=rrb.TimeRange(
+                        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_LANE_SECONDS),
+                        end=rrb.TimeRangeBoundary.cursor_relative(seconds=_LANE_SECONDS),
+                    )
+                ),
+            )
+            for origin, name in (
+                (entities.STOPS, "Why robots are stopped"),
+                ("modes", "What each robot does"),
+                (entities.DECIDED, "What each decided"),
+                (entities.TOUCHED, "What each has touched"),
+            )
+        ),
+        active_tab=1,
+    )
+    plots = [
+        _plot("Left wheels, commanded, rad/s", entities.LEFT_SPEED, legend=robots <= 10),
+        _plot("Right wheels, commanded, rad/s", entities.RIGHT_SPEED, legend=False),
+        _plot("Age of poses, s", entities.AGE, legend=False),
+    ]
+    left = rrb.Vertical(view, legend, lanes, row_shares=[5.0, 0.4, min(0.6 + 0.28 * (robots + 1), 4.0)])
+    right = rrb.Vertical(*plots, _words(), row_shares=[1.0, 1.0, 0.8, 1.6])
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[2.4, 1.0]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=entities.TIME, play_state="paused"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _words() -> rrb.Tabs:
+    return rrb.Tabs(
+        rrb.TextLogView(
+            origin="log",
+            name="Events",
+            columns=rrb.TextLogColumns(text_log_columns=[TextLogColumn("Body")]),
+        ),
+        rrb.TextDocumentView(origin=entities.ABOUT, name="About this run"),
     )
 
 

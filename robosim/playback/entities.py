@@ -22,6 +22,16 @@ DELIVERED_BY_ROBOT = "plots/delivered_by_robot"
 DENSITY = "plots/tunnel_density"
 REWARD = "plots/reward"
 LEARNING = "learning"
+TARGETS = "arena/targets"
+WHEELS = "arena/wheels"
+LEFT_SPEED = "plots/wheels/left"
+RIGHT_SPEED = "plots/wheels/right"
+AGE = "plots/age"
+DECIDED = "decided"
+TOUCHED = "touched"
+STOPS = "stops"
+STOP_LOG = "log/stops"
+GRIPPER_LOG = "log/grippers"
 COLLISION_LOG = "log/collisions"
 DELIVERY_LOG = "log/deliveries"
 CLOG_LOG = "log/clogs"
@@ -46,8 +56,13 @@ def mode(index: int) -> str:
     return f"modes/robot_{index}"
 
 
+def lane(kind: str, index: int) -> str:
+    """Return the path of a robot's lane of one kind: `DECIDED`, `TOUCHED` or `STOPS`."""
+    return f"{kind}/robot_{index}"
+
+
 def ring(index: int) -> str:
-    """Return the path of the ring round a robot that is in a clog."""
+    """Return the path of the ring round a robot that is in a clog, or stopped by its controller."""
     return f"{robot(index)}/clog"
 
 

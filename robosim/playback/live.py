@@ -21,10 +21,11 @@ def live_recording(
     about: Mapping[str, str],
     view: bool,
     say: Callable[[str], None],
+    rewards: bool = True,
 ) -> Iterator[Callable[[Frame], None]]:
     """Give what records a frame to `path`; with `view` a viewer opens, and shows frames as they come.
 
-    `say` is told where there is no display, and so only the file. Errors as of `recording`.
+    `say` is told where there is no display, and so only the file. `rewards` and errors as of `recording`.
     """
     with contextlib.ExitStack() as stack:
         viewer = ""
@@ -32,4 +33,5 @@ def live_recording(
             viewer = stack.enter_context(live_viewer(say, lingers=False))
         elif view:
             say(f"there is no display for the viewer: only {path} is written")
-        yield stack.enter_context(recording(path, arena, robots=robots, about=about, viewer=viewer)).add
+        kept = recording(path, arena, robots=robots, about=about, viewer=viewer, rewards=rewards)
+        yield stack.enter_context(kept).add

@@ -55,6 +55,13 @@ CAUSES: dict[Cause, Colour] = {
 }
 """Of a clog's interval."""
 
+STOPPED = Style("Stopped", CLOG.colour)
+"""The ring round a robot that its controller has stopped."""
+KNOWN_PELLET = Style("Pellet known of", LOOSE_PELLET.colour)
+CARRIES = Style("Carries a pellet", HELD_PELLET.colour)
+CHOSEN = Style("Chosen cell", (60, 60, 68))
+WHEELS = Style("Wheel speeds", (0, 130, 140))
+
 ZONES: dict[Zone, Style] = {
     Zone.WALL: Style("Wall", (74, 80, 92)),
     Zone.FLOOR: Style("Floor", (240, 240, 236)),
@@ -108,6 +115,11 @@ def group_styles(team: Team) -> list[Style]:
 def heading_colours(team: Team) -> list[Colour]:
     """Return the colour of each robot's line ahead: white, or in a mixed team its group's."""
     return [ROBOTS[group] if team.mixed else HEADING for group in team.group.tolist()]
+
+
+def control_legend(team: Team) -> list[Style]:
+    """Return what the legend names where a controller's log is shown."""
+    return [*MODES.values(), KNOWN_PELLET, CARRIES, CHOSEN, WHEELS, STOPPED, *group_styles(team)]
 
 
 def _lighter(colour: Colour, share: float) -> Colour:

@@ -100,7 +100,7 @@ class Recorder:
 
     def _tell(self) -> None:
         if not self._told:
-            _send_about(self._stream, self._arena, self._facts)
+            send_about(self._stream, self._arena, self._facts)
             self._told = True
 
     def _follow(self, frame: Frame) -> None:
@@ -149,6 +149,7 @@ def recording(
     about: Mapping[str, str] | None = None,
     viewer: str = "",
     learning: bool = False,
+    rewards: bool = True,
 ) -> Iterator[Recorder]:
     """Record the frames of one episode of `robots` robots in `arena` to `path`, a .rrd file.
 
@@ -160,7 +161,7 @@ def recording(
     The file appears under its name when the block ends without an exception; with one, nothing is
     left. Raises InputError on entry if the file cannot be written. `about` says what the run is, in words.
     A viewer that listens at the URL `viewer` is shown frames as they come. With `learning` there is room for
-    the curves of `Recorder.plot`.
+    the curves of `Recorder.plot`; without `rewards`, which frames then have as NaN, there is none for them.
     """
     facts = {
         "arena": f"{arena.name}: {arena.description}",
@@ -168,18 +169,21 @@ def recording(
         **(about or {}),
     }
     name = ", ".join((arena.name, f"{robots} robots", *(about or {}).values()))
-    blueprint = make_blueprint(arena, robots, follow=bool(viewer), learning=learning)
+    blueprint = make_blueprint(arena, robots, follow=bool(viewer), learning=learning, rewards=rewards)
     with recording_file(Path(path), blueprint, name, viewer) as stream:
-        send_scene(stream, arena, robots)
+        send_scene(stream, arena, robots, rewards=rewards)
         every = (EVERY_LEARNING if learning else EVERY) if viewer else math.inf
         recorder = Recorder(stream, arena, robots, Path(path).parent, facts, every)
         yield recorder
         recorder.finish()
 
 
-def _send_about(stream: rr.RecordingStream, arena: Arena, facts: Mapping[str, str]) -> None:
+def send_about(
+    stream: rr.RecordingStream, arena: Arena, facts: Mapping[str, str], how_to_read: str = ""
+) -> None:
+    """Send what a run is, in words, and how to read its recording."""
     lines = [f"- **{key}**: {value}" for key, value in facts.items()]
-    text = "\n".join(["# About this run", "", *lines, "", _HOW_TO_READ])
+    text = "\n".join(["# About this run", "", *lines, "", how_to_read or _HOW_TO_READ])
     stream.log(entities.ABOUT, rr.TextDocument(text, media_type="text/markdown"), static=True)
     stream.send_property("robosim", rr.AnyValues(drop_untyped_nones=True, arena_file=arena.text, **facts))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
@@ -23,14 +25,20 @@ PHEROMONE_LEVELS = 64
 _CONTRAST = 3.0
 
 
-def send_scene(stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
+def send_scene(stream: rr.RecordingStream, arena: Arena, robots: int, *, rewards: bool = True) -> None:
     """Send everything that does not change: arena, robot shapes, legend, styles of the plots."""
     team = arena.team(robots)
+    send_stage(stream, arena, team)
+    send_legend(stream, palette.legend(team))
+    _send_meetings(stream, arena)
+    _send_series(stream, team, rewards=rewards)
+
+
+def send_stage(stream: rr.RecordingStream, arena: Arena, team: Team) -> None:
+    """Send the arena, and the robots' shapes, names and colours of their modes."""
     _send_arena(stream, arena, team)
     for robot, colour in enumerate(palette.heading_colours(team)):
         _send_robot(stream, arena, robot, team.sheets[robot], colour)
-    _send_legend(stream, team)
-    _send_series(stream, team)
 
 
 def _send_arena(stream: rr.RecordingStream, arena: Arena, team: Team) -> None:
@@ -82,6 +90,9 @@ def _send_arena(stream: rr.RecordingStream, arena: Arena, team: Team) -> None:
         ),
         static=True,
     )
+
+
+def _send_meetings(stream: rr.RecordingStream, arena: Arena) -> None:
     stream.log(
         entities.CLOGS,
         rr.LineStrips2D.from_fields(colors=palette.LINK, radii=0.05 * arena.robot.width, draw_order=_LINK),
@@ -147,8 +158,8 @@ def _send_robot(
     )
 
 
-def _send_legend(stream: rr.RecordingStream, team: Team) -> None:
-    styles = palette.legend(team)
+def send_legend(stream: rr.RecordingStream, styles: Sequence[palette.Style]) -> None:
+    """Send the row of colours and their names below the arena."""
     colours = [style.colour for style in styles]
     swatches = rr.Points2D([(index, 0.0) for index in range(len(styles))], colors=colours, radii=0.07)
     stream.log(entities.SWATCHES, swatches, static=True)
@@ -163,11 +174,11 @@ def _send_legend(stream: rr.RecordingStream, team: Team) -> None:
     stream.log(entities.NAMES, names, static=True)
 
 
-def _send_series(stream: rr.RecordingStream, team: Team) -> None:
+def _send_series(stream: rr.RecordingStream, team: Team, *, rewards: bool) -> None:
     for path, name, steps in (
         (entities.DELIVERED, "pellets, team", True),
         (entities.DENSITY, "tunnel density n/L", True),
-        (entities.REWARD, "mean reward", False),
+        *([(entities.REWARD, "mean reward", False)] if rewards else []),
     ):
         # The viewer would take means of near points, and what holds for long after them would be drawn wrong.
         lines = rr.SeriesLines(

@@ -14,16 +14,10 @@ from robosim.envs.vector import VectorEnv
 from robosim.episodes.columns import PHEROMONE_STEPS, ROWS
 from robosim.episodes.frame import Frame
 from robosim.playback import palette, recording
+from robosim.playback.bodies import HEADING_GRID, POSITION_GRID, TRACK_GRID
 from robosim.playback.episode import record_episode
 from robosim.playback.scene import level_of_occupancy, occupancy_of_level
-from robosim.playback.writer import (
-    HARD,
-    HEADING_GRID,
-    LOG_PAUSE,
-    POSITION_GRID,
-    REWARD_STEPS,
-    TRACK_GRID,
-)
+from robosim.playback.writer import HARD, LOG_PAUSE, REWARD_STEPS
 from robosim.world.contacts import Contacts
 from tests.playback.reading import Reading, plain
 

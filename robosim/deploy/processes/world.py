@@ -372,7 +372,7 @@ class WorldProcess:
                 mode=self._mode,
                 laden=state.held[0] >= 0,
                 action=self._action,
-                reward=np.zeros(self.robots, np.float32),
+                reward=np.full(self.robots, np.nan, np.float32),
                 pellets=state.pellets[0],
                 pellet_status=state.pellet_status[0],
                 delivered=self._delivered.copy(),
