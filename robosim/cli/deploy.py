@@ -204,11 +204,14 @@ class Robot(_Common):
 
     robot: int = 0
     """Which one, from 0."""
+    log: Annotated[Path | None, tyro.conf.arg(metavar="FILE.jsonl")] = None
+    """Write what came in and what went out in every control period to a new file; `robosim play` shows it."""
 
     def run(self) -> None:
         from robosim.deploy.link.access import robot_name
         from robosim.deploy.link.lines import Lines
         from robosim.deploy.link.session import Link
+        from robosim.deploy.log import DecisionLog
         from robosim.deploy.processes.robot import RobotProcess
         from robosim.deploy.processes.stopping import Ending
         from robosim.errors import whole_number
@@ -218,7 +221,9 @@ class Robot(_Common):
         whole_number("--robot", self.robot, 0, config.robots - 1)
         lines = Lines(f"robot {self.robot}")
         places = (link_config.world_at, link_config.map_at)
+        log = None if self.log is None else DecisionLog(self.log, self.robot)
         with (
+            contextlib.closing(log) if log else contextlib.nullcontext(),
             Ending() as ending,
             Link(
                 robot_name(self.robot),
@@ -228,7 +233,8 @@ class Robot(_Common):
                 disturbance=disturbance,
             ) as link,
         ):
-            robot = RobotProcess(policy, self.robot, config, arena, link, lines, Path(self.policy).name)
+            name = Path(self.policy).name
+            robot = RobotProcess(policy, self.robot, config, arena, link, lines, name, log)
             robot.run(ending, self.patience)
 
 

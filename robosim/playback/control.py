@@ -40,11 +40,13 @@ class ControlRecorder:
         self._robots = robots
         self._columns = FrameColumns(robots, robots, (arena.rows, arena.columns))
         self._frames: list[ControlFrame] = []
+        self._own_map = False
         self._writer = ControlWriter(stream, arena, robots, action_names)
 
     def add(self, frame: ControlFrame) -> None:
         """Record a control period; OSError if the disk has no room for it."""
         self._frames.append(_kept(frame))
+        self._own_map |= frame.pheromone is not None
         if self._columns.add(self._as_frame(frame)):
             self.flush()
 
@@ -57,7 +59,7 @@ class ControlRecorder:
         if not self._frames:
             return
         require_space(self._folder, self._columns.nbytes)
-        self._writer.write(self._columns, self._frames)
+        self._writer.write(self._columns, self._frames, own_map=self._own_map)
         self._columns.clear()
         self._frames.clear()
 

@@ -48,10 +48,12 @@ class ControlWriter(BodyWriter):
         self._last: ControlFrame | None = None
         self._send_styles()
 
-    def write(self, columns: FrameColumns, frames: Sequence[ControlFrame]) -> None:
-        """Write all rows of `columns`; `frames` are the same rows, with what a scene lacks."""
+    def write(self, columns: FrameColumns, frames: Sequence[ControlFrame], *, own_map: bool) -> None:
+        """Write all rows of `columns`; `frames` are the same rows, with what a scene lacks.
+
+        Without a map of the controller's own there are no pheromones to write.
+        """
         self.write_modes(columns)
-        own_map = frames[0].pheromone is not None
         self.write_bodies(columns, pheromone=own_map)
         self._write_lanes(columns, frames)
         self._write_rings(columns, frames)

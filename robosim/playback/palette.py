@@ -55,13 +55,6 @@ CAUSES: dict[Cause, Colour] = {
 }
 """Of a clog's interval."""
 
-STOPPED = Style("Stopped", CLOG.colour)
-"""The ring round a robot that its controller has stopped."""
-KNOWN_PELLET = Style("Pellet known of", LOOSE_PELLET.colour)
-CARRIES = Style("Carries a pellet", HELD_PELLET.colour)
-CHOSEN = Style("Chosen cell", (60, 60, 68))
-WHEELS = Style("Wheel speeds", (0, 130, 140))
-
 ZONES: dict[Zone, Style] = {
     Zone.WALL: Style("Wall", (74, 80, 92)),
     Zone.FLOOR: Style("Floor", (240, 240, 236)),
@@ -77,6 +70,13 @@ HEADING: Colour = (255, 255, 255)
 TEAM: Colour = (240, 240, 240)
 PHEROMONE: Colour = (84, 40, 150)
 BACKGROUND: Colour = (16, 18, 22)
+
+STOPPED = Style("Stopped", CLOG.colour)
+"""The ring round a robot that its controller has stopped."""
+KNOWN_PELLET = Style("Pellet known of", LOOSE_PELLET.colour)
+CARRIES = Style("Carries a pellet", HELD_PELLET.colour)
+CHOSEN = Style("Chosen cell", TEAM)
+WHEELS = Style("Wheel speeds", (0, 130, 140))
 
 ROBOTS: tuple[Colour, ...] = (
     (86, 160, 235),

@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
@@ -11,29 +10,7 @@ from robosim.deploy import Controller, DecisionLog
 from robosim.deploy.log import read_log, run_again
 from robosim.deploy.simulated import SimulatedRobots
 from robosim.errors import InputError
-
-
-def logged_run(path, periods=90):
-    """Drive two robots: one is lost for a while, all are held, then all begin anew; return the commands."""
-    log = DecisionLog(path)
-    controller = Controller(load_policy("paper-2"), log=log, name="paper-2")
-    robots = SimulatedRobots(controller.config, seed=4)
-    commands = []
-    for period in range(periods):
-        if period == 40:
-            controller.emergency_stop("a test")
-        if period == 50:
-            controller.resume()
-        if period == 70:
-            controller.reset()
-        readings = robots.readings()
-        if 20 <= period < 26:
-            readings.pose[1] = np.nan
-        commands.append(controller.step(readings, robots.now))
-        robots.obey(commands[-1])
-    log.close()
-    assert log.failed == ""
-    return commands
+from tests.deploy.logs import logged_run
 
 
 def test_the_log_holds_what_went_in_and_out_to_the_last_bit(tmp_path):
@@ -49,6 +26,7 @@ def test_the_log_holds_what_went_in_and_out_to_the_last_bit(tmp_path):
             assert_array_equal(one.actions, command.actions)
     assert logged[22].stopped == ("", "no pose")
     assert logged[45].stopped == ("a test", "a test")
+    assert [one.unstopped.tolist() for one in logged] == [one.unstopped.tolist() for one in commands]
     hashes = [one.observation for one in logged if one.observation]
     assert len(hashes) == 31
     assert len(set(hashes)) > 20
@@ -89,6 +67,7 @@ def test_a_last_line_cut_short_is_left_out_and_a_damaged_one_is_refused(tmp_path
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
+        ("", "holds no whole line, so it is no controller's log."),
         ("[1]\n", "line 1 is not a line of a controller's log."),
         ('{"format": "robosim-log", "version": 9}\n', "not a controller's log of version 1."),
     ],

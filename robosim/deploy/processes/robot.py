@@ -24,6 +24,7 @@ from robosim.deploy.link.messages import (
 from robosim.deploy.link.session import Link
 from robosim.deploy.link.setup import setup_number
 from robosim.deploy.link.streams import Stream
+from robosim.deploy.log import DecisionLog
 from robosim.deploy.processes.clock import WorldClock
 from robosim.deploy.processes.remote_map import RemoteMap
 from robosim.deploy.processes.stopping import Ending
@@ -48,8 +49,12 @@ class RobotProcess:
         link: Link,
         lines: Lines,
         name: str = "policy",
+        log: DecisionLog | None = None,
     ) -> None:
-        """InputError, in one sentence, for a policy that does not fit, or that needs all robots' eyes."""
+        """`log` takes every control period in which the robot sees itself.
+
+        InputError, in one sentence, for a policy that does not fit, or that needs all robots' eyes.
+        """
         if policy.card.network.input == "team":
             raise InputError(
                 f"policy {name} chooses for the whole team from what all robots observe, so robots cannot "
@@ -60,8 +65,9 @@ class RobotProcess:
         self._mail = Mail(link, lines, config.robots)
         self._memory = RemoteMap(arena, config.pheromone, robot, self._exchange)
         self._controller = Controller(
-            policy, config.robots, arena, max_age=STALE, name=name, memory=self._memory
+            policy, config.robots, arena, max_age=STALE, name=name, memory=self._memory, log=log
         )
+        self._log = log
         self._timing = arena.timing
         layout = self._controller.layout
         self._needs_map = layout.patch or layout.density
@@ -123,6 +129,8 @@ class RobotProcess:
             f"{self.lost} messages lost on the way, {self.early} periods begun before all was heard; "
             f"stopped {self.stops or 'never'}"
         )
+        if self._log is not None and self._log.failed:
+            self._lines.say(self._log.failed)
         self._lines.sum_up()
 
     def _until_due(self) -> float:
