@@ -3,9 +3,10 @@
     python tools/make_link_keys.py keys --robots 8
     robosim deploy world paper-8 --keys keys        # and so on, all processes with --keys
 
-Writes an authority, and a certificate and a key for the world, the pheromone service and each robot, with
-which each process proves who it is; `openssl` must be installed. The authority's own key is not kept. On
-real robots every machine gets only ca.pem and its own two files. Keys never belong into a repository.
+Writes an authority, and a certificate and a key for the world, the pheromone service, the operator (who may
+stop and release the team) and each robot, with which each process proves who it is; `openssl` must be
+installed. The authority's own key is not kept. On real robots every machine gets only ca.pem and its own two
+files. Keys never belong into a repository.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from robosim.deploy.link.access import AUTHORITY, PHEROMONES, WORLD, robot_name
+from robosim.deploy.link.access import AUTHORITY, OPERATOR, PHEROMONES, WORLD, robot_name
 
 CURVE = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
 
@@ -51,7 +52,7 @@ def make_keys(folder: Path, robots: int, days: int = 30, hosts: tuple[str, ...] 
             "-days",
             str(days),
         )
-        for name in (WORLD, PHEROMONES, *map(robot_name, range(robots))):
+        for name in (WORLD, PHEROMONES, OPERATOR, *map(robot_name, range(robots))):
             key, certificate = folder / f"{name}.key", folder / f"{name}.pem"
             openssl("req", *CURVE, "-keyout", str(key), "-out", str(request), "-subj", f"/CN={name}")
             key.chmod(0o600)

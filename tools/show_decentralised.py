@@ -19,6 +19,7 @@ import re
 import secrets
 import statistics
 import struct
+import subprocess
 import sys
 import tempfile
 import time
@@ -33,7 +34,7 @@ from make_link_keys import make_keys
 from robosim.control.policy import load_policy
 from robosim.deploy.controller import Controller
 from robosim.deploy.link.access import tls
-from robosim.deploy.link.messages import MOST_BYTES, VERSION, WheelCommand, pack
+from robosim.deploy.link.messages import MOST_BYTES, VERSION, Order, WheelCommand, pack
 from robosim.deploy.processes.launch import PHEROMONES, WORLD, TeamOfProcesses
 from robosim.deploy.simulated import SimulatedRobots
 
@@ -390,6 +391,7 @@ def keys(options: Options) -> Held:
         (got["decisions"] == decisions, "the team ran with TLS and access control"),
         same_trajectory(team, got, trajectory),
         (not reached, "no command of theirs has even reached the world's process"),
+        ("emergency stop" not in team.log(WORLD), "nor has an emergency stop"),
         (strangers["robot 1, with its own"] > 0, "the one with a certificate was let in, and heard poses"),
         (
             strangers["without a certificate"] == strangers["with another authority's"] == 0,
@@ -399,15 +401,64 @@ def keys(options: Options) -> Held:
 
 
 def attack(team: TeamOfProcesses, certificates: dict[str, Any]) -> int:
-    """Send wheel commands for robot 0; return how many messages of the tracker the sender has heard."""
+    """Send wheel commands for robot 0 and emergency stops; return how many messages of the tracker the sender has heard."""
     heard: list[object] = []
     forward = WheelCommand(1.0, 12.0, 12.0, 1)
     with open_session(addresses(team)[:1], certificates) as session:
         session.declare_subscriber("robosim/team/pose/*", heard.append)
         for number in range(1, 51):
             session.put("robosim/team/wheels/0", pack(forward, 0, 7, number, time.monotonic()))
+            session.put("robosim/team/order", pack(Order(reason="no"), 0, 7, number, time.monotonic()))
             time.sleep(0.02)
     return len(heard)
+
+
+def emergency_stop(options: Options) -> Held:
+    """With TLS and access control, by the operator's own certificate."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "keys"
+        make_keys(folder, options.robots, days=1)
+        team = options.team("emergency-stop", "--keys", str(folder))
+        with team:
+            team.start_all(options.world(team.folder))
+            begun(team)
+            time.sleep(5.0)
+            asked = now()
+            stop = operator(team, folder, "stop", "--reason", "a test")
+            team.kill("robot-2")
+            again = now()
+            team.start("robot-2")
+            team.wait_for("robot-2", "drives", 60.0)
+            time.sleep(1.0)
+            released = now()
+            release = operator(team, folder, "release")
+            got = result(team)
+    robots = [team.log(f"robot-{robot}") for robot in range(options.robots)]
+    held = [after(text, "stopped: emergency stop: a test", asked) for text in robots]
+    stood = [after(text, ": stands", asked) for text in robots]
+    late = after(robots[2], "stopped: emergency stop: a test", again)
+    back = [after(text, "the emergency stop is released", released) for text in robots]
+    print(
+        f"  said by the command: {stop[1]!r}; robots held {min(held):.2f} to {max(held):.2f} s after it was "
+        f"typed, were seen at rest after {min(stood):.2f} to {max(stood):.2f} s; a robot that was started "
+        f"anew held {late:.2f} s later; all went on {min(back):.2f} to {max(back):.2f} s after the release; "
+        f"{sum(got['delivered'])} pellets"
+    )
+    return [
+        no_tracebacks(team),
+        (stop[0] == 0 and all(one < 10.0 for one in held), "all robots held, and were seen at rest"),
+        (late < 30.0, "so did one that came late"),
+        (release[0] == 0 and all(one < 10.0 for one in back), "all went on after the release, none before"),
+        (got["decisions"] == options.decisions, "the run went on to its end"),
+    ]
+
+
+def operator(team: TeamOfProcesses, folder: Path, *what: str) -> tuple[int, str]:
+    """Run a command of the operator; return its exit code and what it said."""
+    options = ["--world-at", addresses(team)[0], "--keys", str(folder), "--patience", "20"]
+    command = [sys.executable, "-m", "robosim", "deploy", *what, *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, (done.stdout + done.stderr).strip()
 
 
 FAULTS: dict[str, Callable[[Options], Held]] = {
@@ -422,6 +473,7 @@ FAULTS: dict[str, Callable[[Options], Held]] = {
     "all-of-it": bad_link("all-of-it", "--loss", "0.1", "--doubled", "0.1", "--jitter", "0.05"),
     "two-of-one-name": two_of_one_name,
     "garbage": garbage,
+    "emergency-stop": emergency_stop,
     "keys": keys,
 }
 

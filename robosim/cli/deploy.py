@@ -19,9 +19,12 @@ if TYPE_CHECKING:
     from robosim.control.policy import Policy
     from robosim.deploy.link.access import LinkConfig
     from robosim.deploy.link.disturbance import Disturbance
+    from robosim.deploy.processes.operator import Operator
     from robosim.envs.config import EnvConfig
     from robosim.episodes.frame import Frame
 
+WORLD_AT = "127.0.0.1:7447"
+"""Where a world listens unless it is told otherwise."""
 PATIENCE = 60.0
 """s of the wall clock for which processes wait for each other."""
 
@@ -36,7 +39,7 @@ class _Common:
     """Team size; by default the policy's own."""
     team: str = "team"
     """Name of the team: several may share a network."""
-    world_at: Annotated[str, tyro.conf.arg(metavar="HOST:PORT")] = "127.0.0.1:7447"
+    world_at: Annotated[str, tyro.conf.arg(metavar="HOST:PORT")] = WORLD_AT
     """Where the world listens."""
     map_at: Annotated[str, tyro.conf.arg(metavar="HOST:PORT")] = "127.0.0.1:7448"
     """Where the pheromone service listens."""
@@ -96,6 +99,9 @@ class World(_Common):
     """Decisions to play; by default a whole episode."""
     seed: int = 0
     """Of where robots and pellets begin."""
+    profile: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.toml")] = None
+    """What is random and wrong about robots and their tracker, by name or file (docs/noise.md); by default
+    nothing. What it says of pheromones does not count: --delay, --loss and so on make a bad link to them."""
     engine: Literal["pymunk", "mujoco"] = "pymunk"
     """The physics that teams learn in, or the second one, in three dimensions."""
     tracker_rate: float | None = None
@@ -115,7 +121,7 @@ class World(_Common):
         from robosim.deploy.processes.stopping import Ending
         from robosim.deploy.processes.world import WorldProcess
         from robosim.deploy.simulated import SimulatedRobots
-        from robosim.envs.config import MOST_STEPS
+        from robosim.envs.config import MOST_STEPS, env_config
         from robosim.envs.vector import MAX_SEED
         from robosim.errors import InputError, refused, whole_number
         from robosim.files import require_writable, write_whole
@@ -133,7 +139,8 @@ class World(_Common):
         link_config, disturbance = self._link()
         _, config, arena = self._team()
         lines, layout = Lines("world"), config.layout_in(arena)
-        robots = SimulatedRobots(config, self.seed, engine=self.engine)
+        noisy, _ = env_config(config, profile=self.profile)
+        robots = SimulatedRobots(noisy, self.seed, engine=self.engine)
         decisions = self.decisions or arena.timing.episode_steps
         with (
             Ending() as ending,
@@ -188,6 +195,9 @@ class World(_Common):
         about = {
             "policy": Path(self.policy).name,
             "robots": "processes of their own",
+            "seed": str(self.seed),
+            "engine": self.engine,
+            "profile": self.profile or "none",
             "rewards": "not worked out: nobody learns here",
         }
         kept = live_recording(
@@ -274,6 +284,56 @@ class Pheromones(_Common):
 
 
 @dataclass(frozen=True)
+class _OfOperator:
+    team: str = "team"
+    """Name of the team."""
+    world_at: Annotated[str, tyro.conf.arg(metavar="HOST:PORT")] = WORLD_AT
+    """Where the world listens."""
+    keys: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
+    """Folder with the operator's certificate and key; without one the link is open."""
+    patience: float = 5.0
+    """How long to wait for the world, and for the robots, s."""
+
+    @contextlib.contextmanager
+    def _operator(self) -> Iterator[Operator]:
+        from robosim.deploy.link.access import OPERATOR, LinkConfig
+        from robosim.deploy.link.lines import Lines
+        from robosim.deploy.link.session import Link
+        from robosim.deploy.processes.operator import Operator
+        from robosim.errors import refused
+
+        if not 0.0 < self.patience <= 1e6:
+            raise refused("--patience", self.patience, "a number of seconds above 0 and of at most 1e6")
+        table = {"team": self.team, "world_at": self.world_at, "keys": str(self.keys or "")}
+        config = LinkConfig.from_table(table, "link")
+        with Link(OPERATOR, config, connect=(config.world_at,)) as link:
+            yield Operator(link, Lines(OPERATOR))
+
+
+@dataclass(frozen=True)
+class Stop(_OfOperator):
+    """Emergency stop: hold all robots of a team until they are released, and say who could not stop."""
+
+    reason: str = ""
+    """Why, for the logs of all processes."""
+
+    def run(self) -> None:
+        with self._operator() as operator:
+            robots = operator.stop(self.reason, self.patience)
+        print(f"all {robots} robots are held, and stand; they go on after: robosim deploy release")
+
+
+@dataclass(frozen=True)
+class Release(_OfOperator):
+    """End the emergency stop of a team: its robots go on."""
+
+    def run(self) -> None:
+        with self._operator() as operator:
+            held = operator.release(self.patience)
+        print("the team is released" if held else "no emergency stop holds the team")
+
+
+@dataclass(frozen=True)
 class Demo:
     """Start a whole team on this machine: the world, the pheromone service, and a process for each robot."""
 
@@ -303,6 +363,8 @@ class Demo:
             world += ["--save", str(self.save.resolve()), *(["--view"] if self.view else [])]
             with team:
                 team.start_all(world)
+                at = team.common[team.common.index("--world-at") + 1]
+                print(f"hold all robots with: robosim deploy stop --world-at {at}", flush=True)
                 _follow(team.running[WORLD].poll, Path(folder))
 
 
@@ -334,6 +396,8 @@ class Deploy:
         Annotated[World, tyro.conf.subcommand("world")]
         | Annotated[Robot, tyro.conf.subcommand("robot")]
         | Annotated[Pheromones, tyro.conf.subcommand("pheromones")]
+        | Annotated[Stop, tyro.conf.subcommand("stop")]
+        | Annotated[Release, tyro.conf.subcommand("release")]
         | Annotated[Demo, tyro.conf.subcommand("demo")],
         tyro.conf.arg(name=""),
     ]

@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,8 @@ from robosim.texts import parse_json, read_lines
 if TYPE_CHECKING:
     from robosim.deploy.controller import Command, Controller
 
-FORMAT = "robosim-log"
-FORMAT_VERSION = 1
+FORMAT: Final = "robosim-log"
+FORMAT_VERSION: Final = 1
 LONGEST_REASON = 200
 """Characters of a reason that are read."""
 _LONGEST_HEAD = 10_000_000

@@ -35,7 +35,11 @@ class Retrace:
         self.head, self._periods = open_log(path)
         config = self.head.env
         # As text alone: a stranger's file must not name a file of this machine.
-        self.arena = parse_arena(config.arena, f"{path}: arena")
+        try:
+            self.arena = parse_arena(config.arena, f"{path}: arena")
+        except InputError as error:
+            # An arena's mistakes are a line each; here nobody is going to mend them.
+            raise InputError(str(error).partition("\n")[0]) from None
         self.decisions = 0
         """Worked through so far."""
         self.vouched = 0

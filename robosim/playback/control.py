@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -71,7 +73,7 @@ class ControlRecorder:
 
     def _as_frame(self, frame: ControlFrame) -> Frame:
         """Return what a scene shows of it; what a log does not know is empty, and not written."""
-        known = np.isfinite(frame.pellet).all(axis=1)
+        known = np.asarray(np.isfinite(frame.pellet).all(axis=1))
         unknown = np.zeros(self._robots)
         field = frame.pheromone
         return Frame(
@@ -120,11 +122,9 @@ def control_recording(
 
 def _kept(frame: ControlFrame) -> ControlFrame:
     """Return a frame whose arrays nobody else writes to; the map is kept elsewhere."""
-    copies = {
-        name: value.copy() if isinstance(value := getattr(frame, name), np.ndarray) else value
-        for name in frame.__slots__
-    }
-    return ControlFrame(**copies | {"pheromone": None})
+    arrays = ("pose", "age", "mode", "laden", "touched", "pellet", "action", "target", "wheel_speeds")
+    copies: dict[str, Any] = {name: getattr(frame, name).copy() for name in (*arrays, "gripper", "unstopped")}
+    return replace(frame, pheromone=None, **copies)
 
 
 _HOW_TO_READ = """## How to read it

@@ -1,8 +1,9 @@
 """Who meets where, and who may say what to whom: Zenoh's links, access control and TLS, as configuration.
 
-Each process has a certificate whose common name is its own (`world`, `pheromones`, `robot-3`), and enforces
-these rules on every link, both ways: what is not allowed is not delivered. So only the process of a robot can
-send its wheel commands, and no robot can say anything to another.
+Each process has a certificate whose common name is its own (`world`, `pheromones`, `robot-3`, `operator`),
+and enforces these rules on every link, both ways: what is not allowed is not delivered. So only the process
+of a robot can send its wheel commands, only the operator can hold and release the team, and no robot can say
+anything to another.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from robosim.errors import InputError, shown
 from robosim.records import Record
 
 AUTHORITY = "ca.pem"
-WORLD, PHEROMONES = "world", "pheromones"
+WORLD, PHEROMONES, OPERATOR = "world", "pheromones", "operator"
 _LEASE = 2000
 """ms without a sign of life after which Zenoh gives a link up; wheels do not wait for that."""
 _QUEUE = 16
@@ -70,6 +71,7 @@ def statements(robots: int) -> list[tuple[str, str, str]]:
     """Return who says what to whom, as (speaker, listener, key below the team's)."""
     allowed = [(WORLD, PHEROMONES, "clock"), (PHEROMONES, WORLD, "field")]
     allowed.append((PHEROMONES, WORLD, "alive/pheromones/*"))
+    allowed += [(OPERATOR, WORLD, "order"), (WORLD, OPERATOR, "clock")]
     for robot in range(robots):
         name = robot_name(robot)
         allowed += [(WORLD, name, key) for key in ("clock", "pose/*", f"body/{robot}")]

@@ -17,6 +17,7 @@ _KIND_ON = {
     "deposit": Kind.DEPOSIT,
     "reading": Kind.READING,
     "field": Kind.FIELD,
+    "order": Kind.ORDER,
 }
 """What is sent on the keys that begin so."""
 

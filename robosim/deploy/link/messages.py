@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from robosim.discretise.modes import Mode
 from robosim.discretise.pheromone import CHANNELS, QUARTERS
 
-VERSION = 1
+VERSION = 2
 """Of all layouts below; a process takes no other."""
 MOST_BYTES = 262_144
 """Of a message; what is longer is not even looked at."""
@@ -30,9 +30,12 @@ NO_POSE = -1.0
 NORTH_UP = 255
 """In place of a quarter turn: the patch is read as on the map."""
 
+MOST_ROBOTS = 1000
+MOST_REASON = 100
+"""Bytes of a reason in words."""
+
 _MAGIC = b"RS"
 _HEADER = struct.Struct("<2sBBHQId")
-_MOST_ROBOTS = 1000
 _FASTEST_WHEEL = 1e4
 """rad/s; faster than any wheel, so a sign of garbage."""
 _LONGEST_TIME = 1e9
@@ -50,6 +53,7 @@ class Kind(IntEnum):
     DEPOSIT = 5
     READING = 6
     FIELD = 7
+    ORDER = 8
 
 
 class Stage(IntEnum):
@@ -62,6 +66,22 @@ class Stage(IntEnum):
 
 
 _STAGES = frozenset(Stage)
+
+
+class Rest(IntEnum):
+    """What is known of a robot that an emergency stop holds."""
+
+    UNKNOWN = 0
+    """It has not said that it holds."""
+    HOLDS = 1
+    """It has stopped its wheels, and has had no time yet to be seen at rest."""
+    STANDS = 2
+    """It has been seen at rest."""
+    MOVES = 3
+    """It could not stop: it still moves, or is not seen."""
+
+
+_RESTS = frozenset(Rest)
 
 
 class MessageError(ValueError):
@@ -100,6 +120,7 @@ class Clock:
 
     kind: ClassVar[Kind] = Kind.CLOCK
     _layout: ClassVar[struct.Struct] = struct.Struct("<QddBQH")
+    _held: ClassVar[struct.Struct] = struct.Struct("<2Q")
 
     setup: int
     """Of arena, team and pheromones (`robosim.deploy.link.setup`): all processes must have the same."""
@@ -112,24 +133,43 @@ class Clock:
     """Instance of the pheromone service, or `NOBODY`."""
     drivers: tuple[int, ...]
     """[robots] instance whose commands the world obeys for each robot, or `NOBODY`."""
+    hold: int = NOBODY
+    """The emergency stop that holds the team: the instance of whoever ordered it, or `NOBODY`."""
+    released: int = NOBODY
+    """The emergency stop that was released last, or `NOBODY`."""
+    rest: tuple[Rest, ...] = ()
+    """[robots] what is known of each while all are held; empty for `UNKNOWN` of all."""
+    reason: str = ""
+    """Why all are held."""
 
     def body(self) -> bytes:
         count = len(self.drivers)
         head = self._layout.pack(self.setup, self.time, self.speed, self.stage, self.service, count)
-        return head + struct.pack(f"<{count}Q", *self.drivers)
+        rest = bytes(self.rest or count)
+        held = self._held.pack(self.hold, self.released)
+        return head + struct.pack(f"<{count}Q", *self.drivers) + held + rest + _packed(self.reason)
 
     @classmethod
     def from_body(cls, data: bytes) -> Self:
         if len(data) < cls._layout.size:
             raise MessageError("too short")
         setup, time, speed, stage, service, count = cls._layout.unpack_from(data)
-        _require(1 <= count <= _MOST_ROBOTS, "number of robots out of range")
-        _require_length(data, cls._layout.size + 8 * count)
+        _require(1 <= count <= MOST_ROBOTS, "number of robots out of range")
+        end = cls._layout.size + 8 * count
+        words = end + cls._held.size + count
+        _require(len(data) > words, "too short")
         _require_time(time)
         _require(0.0 <= speed <= 1000.0, "speed out of range")
         _require(stage in _STAGES, "unknown stage")
         drivers = struct.unpack_from(f"<{count}Q", data, cls._layout.size)
-        return cls(setup, time, speed, Stage(stage), service, drivers)
+        hold, released = cls._held.unpack_from(data, end)
+        rest = data[end + cls._held.size : words]
+        _require(_RESTS.issuperset(rest), "unknown state of rest")
+        reason = _unpacked(data[words:])
+        return cls(
+            *(setup, time, speed, Stage(stage), service, drivers),
+            *(hold, released, tuple(map(Rest, rest)), reason),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,28 +177,32 @@ class Pose:
     """Tracker to all: where a robot was seen."""
 
     kind: ClassVar[Kind] = Kind.POSE
-    _layout: ClassVar[struct.Struct] = struct.Struct("<4d")
+    _layout: ClassVar[struct.Struct] = struct.Struct("<5d")
 
     time: float
-    """When, of the world, s."""
+    """Of the tracker's frame, of the world, s: later frames have later times, also where a robot is lost."""
     x: float
     """m, on the arena's map; NaN, as y and heading, where the robot was not seen."""
     y: float
     heading: float
     """rad."""
+    age: float = 0.0
+    """How long before `time` the robot was there, s: more than 0 where a fix comes late or is an old one."""
 
     def body(self) -> bytes:
-        return self._layout.pack(self.time, self.x, self.y, self.heading)
+        return self._layout.pack(self.time, self.x, self.y, self.heading, self.age)
 
     @classmethod
     def from_body(cls, data: bytes) -> Self:
         _require_length(data, cls._layout.size)
-        time, *pose = cls._layout.unpack(data)
+        time, x, y, heading, age = cls._layout.unpack(data)
+        pose = (x, y, heading)
         _require_time(time)
+        _require(0.0 <= age <= _LONGEST_TIME, "age out of range")
         lost = [math.isnan(number) for number in pose]
         _require(all(lost) or not any(lost), "half a pose")
         _require(all(lost) or all(abs(number) <= 1e6 for number in pose), "pose out of range")
-        return cls(time, *pose)
+        return cls(time, x, y, heading, age)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +244,7 @@ class WheelCommand:
     """A robot's process to its wheels and gripper."""
 
     kind: ClassVar[Kind] = Kind.COMMAND
-    _layout: ClassVar[struct.Struct] = struct.Struct("<3db")
+    _layout: ClassVar[struct.Struct] = struct.Struct("<3dbQB")
 
     time: float
     """Of the pose that it answers, s; `NO_POSE` as long as the run has not begun."""
@@ -209,18 +253,23 @@ class WheelCommand:
     right: float
     gripper: int
     """`Gripper`, to be done at the end of the decision."""
+    hold: int = NOBODY
+    """The emergency stop that holds this robot, or `NOBODY`."""
+    rest: Rest = Rest.UNKNOWN
+    """While it is held: whether it has come to rest."""
 
     def body(self) -> bytes:
-        return self._layout.pack(self.time, self.left, self.right, self.gripper)
+        return self._layout.pack(self.time, self.left, self.right, self.gripper, self.hold, self.rest)
 
     @classmethod
     def from_body(cls, data: bytes) -> Self:
         _require_length(data, cls._layout.size)
-        time, left, right, gripper = cls._layout.unpack(data)
+        time, left, right, gripper, hold, rest = cls._layout.unpack(data)
         _require_time(time if time != NO_POSE else 0.0)
         _require(abs(left) <= _FASTEST_WHEEL and abs(right) <= _FASTEST_WHEEL, "wheel speed out of range")
         _require(-1 <= gripper <= 1, "gripper out of range")
-        return cls(time, left, right, gripper)
+        _require(rest in _RESTS, "unknown state of rest")
+        return cls(time, left, right, gripper, hold, Rest(rest))
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,7 +333,7 @@ class Reading:
             raise MessageError("too short")
         decision, radius, density = cls._layout.unpack_from(data)
         _require_length(data, cls._layout.size + 4 * patch_numbers(radius))
-        _require(0.0 <= density <= _MOST_ROBOTS, "density out of range")
+        _require(0.0 <= density <= MOST_ROBOTS, "density out of range")
         patch = np.frombuffer(data, _PATCH, offset=cls._layout.size).astype(np.float32)
         _require(bool(((patch >= 0.0) & (patch <= 1.0)).all()), "pheromone out of range")
         return cls(decision, radius, density, patch)
@@ -316,9 +365,32 @@ class Field:
         return cls(decision, field.reshape(rows, columns))
 
 
-AnyMessage = Clock | Pose | Body | WheelCommand | Deposit | Reading | Field
+@dataclass(frozen=True, slots=True)
+class Order:
+    """Operator to world, until the clock shows that it was heard: hold all robots, or release them."""
+
+    kind: ClassVar[Kind] = Kind.ORDER
+    _layout: ClassVar[struct.Struct] = struct.Struct("<Q")
+
+    release: int = NOBODY
+    """The emergency stop that is to end, so that none is ended that the sender has not seen; `NOBODY` for a
+    new one, which goes by the sender's instance."""
+    reason: str = ""
+    """Why."""
+
+    def body(self) -> bytes:
+        return self._layout.pack(self.release) + _packed(self.reason)
+
+    @classmethod
+    def from_body(cls, data: bytes) -> Self:
+        _require(len(data) > cls._layout.size, "too short")
+        (release,) = cls._layout.unpack_from(data)
+        return cls(release, _unpacked(data[cls._layout.size :]))
+
+
+AnyMessage = Clock | Pose | Body | WheelCommand | Deposit | Reading | Field | Order
 _KINDS: dict[int, type[AnyMessage]] = {
-    kind.kind: kind for kind in (Clock, Pose, Body, WheelCommand, Deposit, Reading, Field)
+    kind.kind: kind for kind in (Clock, Pose, Body, WheelCommand, Deposit, Reading, Field, Order)
 }
 
 
@@ -342,11 +414,30 @@ def unpack(data: bytes) -> tuple[Header, AnyMessage]:
     _require(magic == _MAGIC, "not a message of robosim")
     _require(version == VERSION, f"of version {version}, not {VERSION}")
     _require(kind in _KINDS, "of an unknown kind")
-    _require(robot < _MOST_ROBOTS, "robot out of range")
+    _require(robot < MOST_ROBOTS, "robot out of range")
     _require(instance != NOBODY, "from no process")
     _require(abs(sent) <= 1e12, "sent at no time")
     header = Header(Kind(kind), robot, instance, sequence, sent)
     return header, _KINDS[header.kind].from_body(data[_HEADER.size :])
+
+
+def _packed(reason: str) -> bytes:
+    """Return a reason behind its length, cut where it is too long."""
+    text = reason.encode()[:MOST_REASON].decode(errors="ignore").encode()
+    return bytes([len(text)]) + text
+
+
+def _unpacked(data: bytes) -> str:
+    """Return the reason that ends a message."""
+    _require_length(data, 1 + data[0])
+    _require(data[0] <= MOST_REASON, "reason too long")
+    try:
+        reason = data[1:].decode()
+    except UnicodeDecodeError:
+        raise MessageError("reason is no text") from None
+    # It is written to logs, which are read in terminals.
+    _require(reason.isprintable(), "reason does not print")
+    return reason
 
 
 def _require(holds: bool, otherwise: str) -> None:

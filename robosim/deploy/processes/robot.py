@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
 
 from robosim.arena.model import Arena
-from robosim.deploy.controller import Chooser, Controller
+from robosim.deploy.controller import SETTLE, Chooser, Controller
 from robosim.deploy.link.lines import Lines
 from robosim.deploy.link.mail import Letter, Mail
 from robosim.deploy.link.messages import (
@@ -18,6 +19,7 @@ from robosim.deploy.link.messages import (
     Deposit,
     Pose,
     Reading,
+    Rest,
     Stage,
     WheelCommand,
 )
@@ -26,6 +28,7 @@ from robosim.deploy.link.setup import setup_number
 from robosim.deploy.link.streams import Stream
 from robosim.deploy.log import DecisionLog
 from robosim.deploy.processes.clock import WorldClock
+from robosim.deploy.processes.hold import RobotHold
 from robosim.deploy.processes.remote_map import RemoteMap
 from robosim.deploy.processes.stopping import Ending
 from robosim.deploy.processes.times import HEARTBEAT, MAP_STALE, STALE, TAKEOVER, frame_patience, patience
@@ -79,6 +82,7 @@ class RobotProcess:
         self._poses = [Stream() for _ in range(config.robots)]
         self._pose = np.full((config.robots, 3), np.nan)
         self._pose_times = np.full(config.robots, NO_POSE)
+        self._pose_ages = np.zeros(config.robots)
         self._pose_time = NO_POSE
         self._body_stream = Stream()
         self._body = Body(0.0, laden=False, at_pellet=False, touched=(False, False, False), pellet=None)
@@ -91,6 +95,9 @@ class RobotProcess:
         self._fresh_at = 0.0
         self._answered = NO_POSE
         self._command = _STAND
+        self._hold = RobotHold()
+        self._held_at = math.inf
+        self._rest = Rest.UNKNOWN
         self._sent_at = 0.0
         self._stopped = ""
         self.decisions = self.unanswered = self.early = 0
@@ -191,6 +198,8 @@ class RobotProcess:
             dropped = self._clock.take(letter)
             if not dropped and self._clock.world != self._world:
                 self._begin(self._clock.world)
+            if not dropped:
+                self._follow_hold(message, letter.at)
             return dropped
         if self._world == NOBODY:
             return ""  # Too early: until the clock is heard, nobody is believed.
@@ -209,6 +218,31 @@ class RobotProcess:
                 self._reading, self._map_since = message, letter.at
             return dropped
         return "of a kind that a robot does not take"
+
+    def _follow_hold(self, clock: Clock, now: float) -> None:
+        """Hold where an emergency stop is ordered, and go on where the one that holds is released."""
+        changed = self._hold.take(clock.hold, clock.released)
+        if changed is None:
+            return
+        self._held_at, self._rest = math.inf, Rest.HOLDS if changed else Rest.UNKNOWN
+        if changed:
+            reason = f"emergency stop: {clock.reason}"
+            self._controller.emergency_stop(reason)
+            self._stop(reason, now)
+        else:
+            self._controller.resume()
+            self._lines.say("the emergency stop is released")
+
+    def _watch_rest(self, now: float, *, unstopped: bool) -> None:
+        """Note whether the robot, which is held, has come to rest; `now` is time of the world, s."""
+        self._held_at = min(self._held_at, now)
+        # So long it is looked at before it counts as standing.
+        seen = now - self._held_at >= 2 * SETTLE
+        rest = Rest.MOVES if unstopped else Rest.STANDS if seen else Rest.HOLDS
+        if rest != self._rest and rest != Rest.HOLDS:
+            stands = rest == Rest.STANDS
+            self._lines.say("stands" if stands else "could not stop: it still moves, or is not seen")
+        self._rest = rest
 
     def _begin(self, world: int) -> None:
         if self._world != NOBODY:
@@ -229,7 +263,7 @@ class RobotProcess:
         dropped = stream.admit(letter.header, letter.at)
         if dropped:
             return dropped
-        self._pose_times[other] = pose.time
+        self._pose_times[other], self._pose_ages[other] = pose.time, pose.age
         place = np.array([pose.x, pose.y, pose.heading])
         # Of others the last place on the map counts: a robot must not stop because another one is lost.
         if other == self._robot or self._on_map(place):
@@ -263,6 +297,8 @@ class RobotProcess:
         self.decisions += command.actions is not None
         robot = self._robot
         reason = command.stopped[robot]
+        if self._hold.hold != NOBODY:
+            self._watch_rest(world_now, unstopped=bool(command.unstopped[robot]))
         if reason:
             self._stop(reason, now)
             return
@@ -274,6 +310,8 @@ class RobotProcess:
     def _repeat(self, now: float) -> None:
         """Say the last command again where nothing new is seen, or stop where that has been too long."""
         reason = self._blind(now) or self._held(now)
+        if self._hold.hold != NOBODY:
+            self._rest_unseen(now)
         if self._clock.stage != Stage.RUNNING:
             self._map_since = now
             # The world begins when all speak, so whoever cannot reach the map does not.
@@ -284,12 +322,21 @@ class RobotProcess:
         else:
             self._send(self._command, now)
 
+    def _rest_unseen(self, now: float) -> None:
+        """Note whether the robot, which is held, is at rest where nothing new is seen of it."""
+        if self._clock.stage == Stage.WAITING:
+            # Before a run begins no wheel turns.
+            self._rest = Rest.STANDS
+        elif self._blind(now):
+            self._watch_rest(self._pose_time, unstopped=True)
+
     def _readings(self, now: float) -> tuple[Readings, float]:
         """Return what is known of the team, and the time of the world."""
         scale = self._clock.scale
         age = scale * np.array([stream.age(now) for stream in self._poses])
         own = self._robot
         world_now = self._pose_time + age[own]
+        age += self._pose_ages
         pose = self._pose.copy()
         # Where nothing is known of others, they are where they disturb nobody: with the robot itself.
         unseen = np.isnan(pose).any(axis=1) | ~np.isfinite(age)
@@ -360,7 +407,7 @@ class RobotProcess:
     def _send(self, command: tuple[float, float, int], now: float) -> None:
         self._sent_at = now
         left, right, gripper = command
-        answer = WheelCommand(self._answered, left, right, gripper)
+        answer = WheelCommand(self._answered, left, right, gripper, self._hold.hold, self._rest)
         self._link.send(f"wheels/{self._robot}", answer, self._robot)
 
 

@@ -20,12 +20,15 @@ from robosim.deploy.link.messages import (
     Clock,
     Deposit,
     Field,
+    Order,
     Pose,
+    Rest,
     Stage,
     WheelCommand,
 )
 from robosim.deploy.link.session import Link
 from robosim.deploy.link.streams import FOREIGN, Stream
+from robosim.deploy.processes.hold import TeamHold
 from robosim.deploy.processes.stopping import Ending
 from robosim.deploy.processes.times import HEARTBEAT, STALE, scale
 from robosim.deploy.readings import Readings
@@ -127,6 +130,7 @@ class WorldProcess:
         self._latest = [WheelCommand(NO_POSE, 0.0, 0.0, int(Gripper.KEEP)) for _ in range(self.robots)]
         self._awaited = [True] * self.robots
         self._held = [""] * self.robots
+        self._hold = TeamHold()
         self._deposit_streams = [Stream() for _ in range(self.robots)]
         self._mode = np.zeros(self.robots, np.uint8)
         self._action = np.full(self.robots, STOP)
@@ -145,7 +149,7 @@ class WorldProcess:
         Robots and service are waited for, for up to `patience` s; then the run begins with those who came.
         """
         link = self._link
-        for key in ("wheels/*", *(("deposit/*", "field") if self._on_frame else ())):
+        for key in ("order", "wheels/*", *(("deposit/*", "field") if self._on_frame else ())):
             link.hear(key)
         link.watch("alive/**")
         self._gather(ending, patience)
@@ -238,14 +242,29 @@ class WorldProcess:
             self._tracked = frame if stage == Stage.RUNNING else self._tracked
             for robot in range(self.robots):
                 x, y, heading = readings.pose[robot].tolist()
-                link.send(f"pose/{robot}", Pose(now, x, y, heading), robot)
+                age = max(now - float(readings.time[robot]), 0.0)
+                link.send(f"pose/{robot}", Pose(now, x, y, heading, age), robot)
             self._shown_at = now
         self._publish_clock(stage)
 
     def _publish_clock(self, stage: Stage) -> None:
         service = self._services[0] if self._services else NOBODY
-        clock = Clock(self._setup, self._engine.now, self._speed, stage, service, tuple(self._drivers))
+        hold = self._hold
+        clock = Clock(
+            *(self._setup, self._engine.now, self._speed, stage, service, tuple(self._drivers)),
+            *(hold.hold, hold.released, self._rest(), hold.reason),
+        )
         self._link.send("clock", clock)
+
+    def _rest(self) -> tuple[Rest, ...]:
+        """Return what robots have said of themselves while all are held, [robots]."""
+        if self._hold.hold == NOBODY:
+            return ()
+        now = time.monotonic()
+        return tuple(
+            command.rest if command.hold == self._hold.hold and self._hears(robot, now) else Rest.UNKNOWN
+            for robot, command in enumerate(self._latest)
+        )
 
     def _wait(self, due: float) -> float:
         """Let a control period pass, in which commands arrive; return when the next begins, monotonic."""
@@ -300,7 +319,7 @@ class WorldProcess:
                 self._held[robot] = reason
             if reason:
                 self._stopped[robot] += 1
-            else:
+            elif self._hold.hold == NOBODY:
                 speeds[robot] = command.left, command.right
                 gripper[robot] = command.gripper
         return Command(speeds, gripper, tuple(self._held), np.zeros(self.robots, np.bool_), None)
@@ -324,6 +343,11 @@ class WorldProcess:
             if not dropped:
                 self._latest[robot] = message
                 self._awaited[robot] = True
+                self._say(self._hold.heard(robot, message.hold))
+            return dropped
+        if isinstance(message, Order):
+            dropped, news = self._hold.take(letter.header.instance, message)
+            self._say(news)
             return dropped
         if isinstance(message, Deposit):
             self._deposit_streams[robot].bind(self._drivers[robot])
@@ -338,6 +362,10 @@ class WorldProcess:
                 self._occupancy = message.occupancy.astype(np.float64)
             return dropped
         return "of a kind that the world does not take"
+
+    def _say(self, news: str) -> None:
+        if news:
+            self._lines.say(news)
 
     def _meet(self, token: Token) -> None:
         """Take note of a process that has come or gone; the first of a name is obeyed as long as it lives."""

@@ -35,6 +35,18 @@ def test_wheel_commands_are_said_by_the_robots_own_process_to_the_world_alone():
     assert wheels == [(f"robot-{robot}", "world", f"wheels/{robot}") for robot in range(3)]
 
 
+def test_the_operator_alone_orders_and_the_world_alone_is_told():
+    assert [one for one in statements(3) if one[2] == "order"] == [("operator", "world", "order")]
+    assert [one for one in statements(3) if "operator" in one[:2]] == [
+        ("operator", "world", "order"),
+        ("world", "operator", "clock"),
+    ]
+    world = access_control("world", "robosim/team", 3)
+    assert may_say(world, "ingress", "operator", "robosim/team/order")
+    for other in ("robot-0", "pheromones"):
+        assert not may_say(world, "ingress", other, "robosim/team/order")
+
+
 def test_robots_have_nothing_to_say_to_each_other():
     robots = {robot_name(robot) for robot in range(8)}
     assert not [(who, to) for who, to, _ in statements(8) if who in robots and to in robots]
@@ -53,7 +65,7 @@ def test_a_process_enforces_what_it_takes_in_and_what_it_gives_out():
         assert not may_say(world, "ingress", f"robot-{robot}", "robosim/team/pose/1")
         assert not may_say(world, "ingress", f"robot-{robot}", "robosim/team/clock")
     assert {one["cert_common_names"][0] for one in world["subjects"]} == {
-        "pheromones", "robot-0", "robot-1", "robot-2",
+        "operator", "pheromones", "robot-0", "robot-1", "robot-2",
     }  # fmt: skip
     robot = access_control("robot-1", "robosim/team", 3)
     assert [one["id"] for one in robot["subjects"]] == ["pheromones", "world"]
@@ -61,14 +73,17 @@ def test_a_process_enforces_what_it_takes_in_and_what_it_gives_out():
     assert not may_say(robot, "ingress", "pheromones", "robosim/team/clock")
 
 
-@pytest.mark.parametrize("name", ["world", "pheromones", "robot-0"])
+@pytest.mark.parametrize("name", ["world", "pheromones", "robot-0", "operator"])
 def test_the_files_that_ship_are_what_processes_use(name, tmp_path):
     """They name the files of a folder `keys` without its place."""
     config = LinkConfig(keys=str(tmp_path))
     for file in ("ca.pem", f"{name}.pem", f"{name}.key"):
         (tmp_path / file).touch()
     listen = {"world": config.world_at, "pheromones": config.map_at}.get(name, "")
-    connect = {"world": (), "pheromones": (config.world_at,)}.get(name, (config.world_at, config.map_at))
+    to_world = (config.world_at,)
+    connect = {"world": (), "pheromones": to_world, "operator": to_world}.get(
+        name, (config.world_at, config.map_at)
+    )
     table = nested(settings_table(name, config, listen, connect, 8))
     text = json.dumps(table, indent=2).replace(str(tmp_path.resolve()), "keys")
     assert (EXAMPLES / f"{name}.json5").read_text() == text + "\n"

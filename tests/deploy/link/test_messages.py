@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from robosim.deploy.link.messages import (
     MOST_BYTES,
+    MOST_REASON,
     NO_POSE,
     NORTH_UP,
     Body,
@@ -18,8 +19,10 @@ from robosim.deploy.link.messages import (
     Header,
     Kind,
     MessageError,
+    Order,
     Pose,
     Reading,
+    Rest,
     Stage,
     WheelCommand,
     pack,
@@ -30,18 +33,24 @@ from robosim.deploy.link.messages import (
 HEADER_BYTES = 26
 MESSAGES = {
     "clock": Clock(2**64 - 1, 12.3, 0.0, Stage.RUNNING, 5, (0, 7, 2**63)),
+    "held": Clock(1, 1.0, 2.0, Stage.RUNNING, 5, (9, 8), 77, 66, (Rest.STANDS, Rest.MOVES), "smoke"),
     "pose": Pose(0.1, 1.5, -0.25, 3.0),
+    "late": Pose(0.4, 1.5, -0.25, 3.0, 0.3),
     "lost": Pose(0.1, math.nan, math.nan, math.nan),
     "body": Body(0.3, laden=True, at_pellet=False, touched=(False, True, False), pellet=(1.0, 2.0)),
     "no pellet": Body(0.3, laden=False, at_pellet=True, touched=(True, False, True), pellet=None),
     "command": WheelCommand(0.1, -3.5, 12.5, -1),
+    "stands": WheelCommand(0.1, 0.0, 0.0, 0, 77, Rest.STANDS),
+    "stop": Order(reason="smoke"),
+    "release": Order(release=77),
     "waiting": WheelCommand(NO_POSE, 0.0, 0.0, 0),
     "deposit": Deposit(9, 3, 4, NORTH_UP, marks=True, mode=6, laden=True, action=4),
     "reading": Reading(9, 1, 0.25, np.linspace(0, 1, 36, dtype=np.float32)),
     "field": Field(9, np.arange(6, dtype=np.float32).reshape(2, 3)),
 }
 BYTES = {
-    "clock": 59, "pose": 32, "lost": 32, "body": 29, "no pellet": 29, "command": 25, "waiting": 25,
+    "clock": 79, "held": 75, "pose": 40, "late": 40, "lost": 40, "body": 29, "no pellet": 29, "command": 34,
+    "stands": 34, "stop": 14, "release": 9, "waiting": 34,
     "deposit": 13, "reading": 14 + 4 * 36, "field": 8 + 4 * 6,
 }  # fmt: skip
 
@@ -73,15 +82,22 @@ POSE = pack(MESSAGES["pose"], 2, 77, 5, 1.25)
         (POSE + b"x", "too long"),
         (bytes(MOST_BYTES + 1), "too long"),
         (b"XX" + POSE[2:], "not a message of robosim"),
-        (changed(POSE, 2, 2), "of version 2, not 1"),
+        (changed(POSE, 2, 1), "of version 1, not 2"),
         (changed(POSE, 3, 0), "of an unknown kind"),
-        (changed(POSE, 3, 8), "of an unknown kind"),
+        (changed(POSE, 3, 9), "of an unknown kind"),
         (changed(POSE, 5, 255), "robot out of range"),
         (pack(MESSAGES["pose"], 0, 0, 1, 0.0), "from no process"),
         (pack(MESSAGES["pose"], 0, 1, 1, math.nan), "sent at no time"),
         (pack(Pose(0.0, math.nan, 0.0, 0.0), 0, 1, 1, 0.0), "half a pose"),
         (pack(Pose(0.0, math.inf, 0.0, 0.0), 0, 1, 1, 0.0), "pose out of range"),
         (pack(Pose(-0.1, 0.0, 0.0, 0.0), 0, 1, 1, 0.0), "time out of range"),
+        (pack(Pose(0.1, 0.0, 0.0, 0.0, -1.0), 0, 1, 1, 0.0), "age out of range"),
+        (pack(WheelCommand(0.0, 0.0, 0.0, 0, 7, 4), 0, 1, 1, 0.0), "unknown state of rest"),
+        (pack(Clock(1, 0.0, 1.0, Stage.OVER, 0, (1,), rest=(9,)), 0, 1, 1, 0.0), "unknown state of rest"),
+        (pack(Order(reason="smoke"), 0, 1, 1, 0.0)[:-1], "too short"),
+        (pack(Order(), 0, 1, 1, 0.0)[:-1] + b"\x02\xff\xff", "reason is no text"),
+        (pack(Order(reason="\x1b[2J"), 0, 1, 1, 0.0), "reason does not print"),
+        (pack(Order(), 0, 1, 1, 0.0)[:-1] + b"\xff" + b"x" * 255, "reason too long"),
         (pack(WheelCommand(0.0, math.nan, 0.0, 0), 0, 1, 1, 0.0), "wheel speed out of range"),
         (pack(WheelCommand(0.0, 0.0, math.inf, 0), 0, 1, 1, 0.0), "wheel speed out of range"),
         (pack(WheelCommand(0.0, 0.0, 0.0, 2), 0, 1, 1, 0.0), "gripper out of range"),
@@ -113,6 +129,13 @@ def test_whatever_stands_behind_a_header_is_a_message_or_refused(body, kind):
     assert header.kind == kind == message.kind
     # What has been taken is what was sent, but for the payload of a NaN.
     assert len(message.body()) == len(body)
+
+
+@pytest.mark.parametrize("reason", ["é" * 80, "x" * 300, ""])
+def test_a_long_reason_is_cut_between_characters(reason):
+    _, order = unpack(pack(Order(reason=reason), 0, 1, 1, 0.0))
+    assert reason.startswith(order.reason)
+    assert len(order.reason.encode()) == min(len(reason.encode()), MOST_REASON)
 
 
 def test_a_patch_holds_four_numbers_of_each_cell():

@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[3]
         "all-of-it",
         "two-of-one-name",
         "garbage",
+        "emergency-stop",
         "keys",
     ],
 )

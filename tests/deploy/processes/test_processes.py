@@ -3,7 +3,7 @@
 import hashlib
 import threading
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from io import StringIO
 
 import numpy as np
@@ -27,6 +27,7 @@ from robosim.deploy.link.messages import (
 )
 from robosim.deploy.link.session import Link
 from robosim.deploy.link.setup import setup_number
+from robosim.deploy.log import DecisionLog, open_log
 from robosim.deploy.processes import pheromones as service_module
 from robosim.deploy.processes import robot as robot_module
 from robosim.deploy.processes.launch import free_addresses
@@ -35,6 +36,7 @@ from robosim.deploy.processes.robot import RobotProcess
 from robosim.deploy.processes.stopping import Ending
 from robosim.deploy.processes.world import AS_FAST_AS_ALL_ANSWER, WorldProcess
 from robosim.deploy.simulated import SimulatedRobots
+from robosim.envs.config import env_config
 from robosim.errors import InputError
 
 POLICY = load_policy("paper-2-smadrl")
@@ -80,30 +82,44 @@ def link_config():
     return LinkConfig(team="test", world_at=world_at, map_at=map_at)
 
 
-def robot_process(number, config, stack, text=None):
+def robot_process(number, config, stack, text=None, policy=POLICY, plays=CONFIG, log=None):
     link = stack.enter_context(
-        Link(f"robot-{number}", config, connect=(config.world_at, config.map_at), robots=2)
+        Link(f"robot-{number}", config, connect=(config.world_at, config.map_at), robots=plays.robots)
     )
-    return RobotProcess(POLICY, number, CONFIG, ARENA, link, Lines(f"robot {number}", text or StringIO()))
+    lines = Lines(f"robot {number}", text or StringIO())
+    arena = Controller(policy).arena
+    return RobotProcess(policy, number, plays, arena, link, lines, log=log)
 
 
-def team_on_a_link(config, decisions):
+def team_on_a_link(config, decisions, policy, plays, profile, logs=None):
     """Run a team as threads; return what came of it, frames, decisions, messages lost, and what was said."""
     frames, text = [], StringIO()
+    arena, setup = Controller(policy).arena, setup_number(plays)
     with ExitStack() as stack:
         here = stack.enter_context(Link("world", config, listen=config.world_at))
         there = stack.enter_context(
             Link("pheromones", config, listen=config.map_at, connect=(config.world_at,))
         )
-        service = PheromoneService(CONFIG, ARENA, SETUP, there, Lines("pheromones", text))
-        robots = [robot_process(number, config, stack, text) for number in range(2)]
+        service = PheromoneService(plays, arena, setup, there, Lines("pheromones", text))
+        robots = [
+            robot_process(
+                number,
+                config,
+                stack,
+                text,
+                policy,
+                plays,
+                logs and stack.enter_context(closing(DecisionLog(logs / f"{number}.jsonl", number))),
+            )
+            for number in range(plays.robots)
+        ]
         world = WorldProcess(
-            SimulatedRobots(CONFIG, 5),
-            SETUP,
+            SimulatedRobots(env_config(plays, profile=profile)[0], 5),
+            setup,
             here,
             Lines("world", text),
             speed=AS_FAST_AS_ALL_ANSWER,
-            on_frame=lambda frame: frames.append((frame.step, frame.pheromone.max())),
+            on_frame=lambda frame: frames.append((frame.step, frame.pheromone.max(), frame.reward)),
         )
         jobs = [lambda ending, robot=robot: robot.run(ending, 10.0) for robot in robots]
         with running(service.run, *jobs) as failed:
@@ -113,26 +129,117 @@ def team_on_a_link(config, decisions):
     return ran, frames, [robot.decisions for robot in robots], lost, text.getvalue()
 
 
-def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config):
+@pytest.mark.parametrize(
+    ("name", "profile"), [("paper-2-smadrl", None), ("relay-4", "robotarium")], ids=["equals", "mixed, noisy"]
+)
+def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config, tmp_path, name, profile):
     """Unless messages get lost, which may happen on a busy machine, and is counted."""
     decisions = 12
-    one = SimulatedRobots(CONFIG, 5)
+    policy = load_policy(name)
+    controller = Controller(policy)
+    plays = controller.config.changed(pellet_gradient=0.0, profile=None)
+    one = SimulatedRobots(env_config(plays, profile=profile)[0], 5)
     trajectory = hashlib.sha256()
-    controller = Controller(POLICY)
     for _ in range(decisions):
         for _ in range(3):
             one.obey(controller.step(one.readings(), one.now))
         trajectory.update(one.world.state.pose[0].tobytes())
-    for _ in range(3):
-        ran, frames, decided, lost, text = team_on_a_link(link_config, decisions)
+    for attempt in range(3):
+        logs = tmp_path / str(attempt)
+        logs.mkdir()
+        ran, frames, decided, lost, text = team_on_a_link(
+            link_config, decisions, policy, plays, profile, logs
+        )
         if lost == 0:
             break
     assert lost == 0, text
     assert ran.trajectory == trajectory.hexdigest(), text
-    assert ran.stopped == [0, 0]
-    assert [step for step, _ in frames] == list(range(decisions + 1))
+    assert ran.stopped == [0] * plays.robots
+    assert [step for step, _, _ in frames] == list(range(decisions + 1))
     assert frames[-1][1] > 0.1
-    assert decided == [decisions] * 2
+    # Nobody works rewards out here, so none are shown.
+    assert all(np.isnan(reward).all() for _, _, reward in frames)
+    assert decided == [decisions] * plays.robots
+    log = open_log(logs / "1.jsonl")
+    assert (log.head.robot, log.head.map) == (1, "shared")
+    assert sum(logged.actions is not None for logged in log.periods) == decisions
+
+
+def test_a_team_is_held_and_released_over_the_link_and_who_comes_late_hears_it(link_config):
+    """By the commands that operators type; the world gives a held team nothing, too."""
+    text = StringIO()
+    engine = SimulatedRobots(CONFIG, 5)
+    stop = ["--world-at", link_config.world_at, "--team", "test", "--patience", "8"]
+    with ExitStack() as stack:
+        here = stack.enter_context(Link("world", link_config, listen=link_config.world_at))
+        there = stack.enter_context(
+            Link("pheromones", link_config, listen=link_config.map_at, connect=(link_config.world_at,))
+        )
+        service = PheromoneService(CONFIG, ARENA, SETUP, there, Lines("pheromones", StringIO()))
+        world = WorldProcess(engine, SETUP, here, Lines("world", text), speed=5.0)
+        links = stack.enter_context(ExitStack())
+        stays = robot_process(0, link_config, stack, text)
+        goes = robot_process(1, link_config, links, text)
+        first = Ending()
+        jobs = [lambda ending: stays.run(ending, 10.0), lambda ending: goes.run(first, 10.0)]
+        with running(service.run, lambda ending: world.run(100_000, ending, 10.0), *jobs) as failed:
+            assert until(lambda: engine.now > 1.0)
+            assert main(["deploy", "stop", "--reason", "smoke", *stop]) == 0, text.getvalue()
+            rest = engine.world.state.pose[0].copy()
+            held_at = engine.now
+            first.asked = True
+            assert until(lambda: "robot 1: ends: asked to end" in text.getvalue())
+            links.close()
+            assert until(lambda: "robot 1 is driven by nobody" in text.getvalue())
+            late = robot_process(1, link_config, stack, text)
+            with running(lambda ending: late.run(ending, 10.0)):
+                assert until(lambda: text.getvalue().count("stopped: emergency stop: smoke") == 3)
+                assert until(lambda: engine.now > held_at + 1.0)
+                np.testing.assert_allclose(engine.world.state.pose[0], rest, atol=1e-3)
+                assert main(["deploy", "release", *stop]) == 0
+                assert until(lambda: np.abs(engine.world.state.pose[0] - rest).max(axis=1).min() > 0.02)
+    assert failed == []
+    said = text.getvalue()
+    assert "world: emergency stop: smoke; holds all robots" in said
+    assert said.count("the emergency stop is released") == 3
+    assert said.count("robot 0: stands") == 1
+
+
+def test_an_operator_is_told_who_did_not_stop_and_that_nobody_heard(link_config, capsys):
+    engine = SimulatedRobots(CONFIG, 5)
+    start = engine.world.state.pose[0].copy()
+    operator = ["--world-at", link_config.world_at, "--team", "test", "--patience", "0.3"]
+    assert main(["deploy", "stop", *operator]) == 1
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        "robosim: no world is heard, after 0.3 s, so nobody was stopped by this."
+    )
+    operator[-1] = "1"
+    with ExitStack() as stack:
+        here = stack.enter_context(Link("world", link_config, listen=link_config.world_at))
+        runaway = stack.enter_context(Link("robot-0", link_config, connect=(link_config.world_at,)))
+        runaway.appear(f"alive/robot/0/{runaway.instance:x}")
+        world = WorldProcess(engine, SETUP, here, Lines("world", StringIO()), speed=4.0, needs_map=False)
+
+        def drive(ending):
+            while not ending.asked:
+                runaway.send("wheels/0", WheelCommand(0.0, 6.0, 6.0, 0), 0)
+                time.sleep(0.02)
+
+        with running(lambda ending: world.run(100_000, ending, 0.2), drive):
+            assert until(lambda: np.abs(engine.world.state.pose[0, 0] - start[0]).max() > 0.01)
+            assert main(["deploy", "stop", *operator]) == 1
+            rest = engine.world.state.pose[0].copy()
+            held_at = engine.now
+            assert until(lambda: engine.now > held_at + 1.0)
+            np.testing.assert_allclose(engine.world.state.pose[0], rest, atol=2e-3)
+            assert main(["deploy", "release", *operator]) == 0
+            assert main(["deploy", "release", *operator]) == 0
+    err = capsys.readouterr()
+    assert err.err.splitlines()[-1] == (
+        "robosim: the world holds all 2 robots, but robot 0 has not said that it holds; robot 1 has no "
+        "process; all stay held until they are released."
+    )
+    assert err.out.splitlines() == ["the team is released", "no emergency stop holds the team"]
 
 
 class WorldByHand:
@@ -317,6 +424,10 @@ def test_wheels_obey_one_process_and_only_as_long_as_it_speaks(link_config):
         (
             ["world", "paper-2", "--speed", "fast"],
             'robosim: --speed is "fast", but must be a number from 0.01 to 100, or max.',
+        ),
+        (
+            ["world", "paper-2", "--profile", "robotariun"],
+            "robosim: No profile is named 'robotariun': did you mean robotarium?",
         ),
         (
             ["world", "paper-2", "--view"],
