@@ -9,17 +9,14 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from robosim.control.policy import Policy, load_policy
 from robosim.deploy.controller import Controller
-from robosim.deploy.simulated import ENGINES, EngineKind, SimulatedRobots, make_stand_in
-from robosim.discretise.modes import Mode
+from robosim.deploy.simulated import ENGINES, EngineKind, driven, make_stand_in
 from robosim.envs.render import Painter
 from robosim.episodes.frame import Frame
 from robosim.files import whole_file
-from robosim.robot.drivers import STOP
 
 NAMES = {"pymunk": "pymunk: where the team has learned", "mujoco": "MuJoCo: three dimensions, driven wheels"}
 STRIP = 26
@@ -32,45 +29,17 @@ def frames(policy: Policy, engine: EngineKind, options: argparse.Namespace) -> I
     config = controller.config.changed(profile=None, pellet_gradient=0.0)
     robots = make_stand_in(engine, config, seed=options.seed, profile=options.profile)
     painter = Painter(robots.arena)
-    for step in range(1, options.start + options.decisions + 1):
-        actions = np.full(controller.robots, STOP)
-        for _ in range(robots.arena.timing.control_steps):
-            command = controller.step(robots.readings(), robots.now)
-            actions = actions if command.actions is None else command.actions
-            robots.obey(command)
-        if step > options.start:
-            yield pictured(painter, robots, actions, step, options.width, NAMES[engine])
+    for frame in driven(controller, robots, options.start + options.decisions):
+        if frame.step > options.start:
+            yield pictured(painter, frame, options.width, NAMES[engine])
 
 
-def pictured(
-    painter: Painter, robots: SimulatedRobots, actions: np.ndarray, step: int, width: int, name: str
-) -> Image.Image:
-    state, arena = robots.world.state, robots.arena
-    laden = state.held[0] >= 0
-    mode = np.where(laden, Mode.GOING_HOME, Mode.GOING_TO_DIG)
-    mode = np.where(state.touched[0, 0] & (actions != STOP), Mode.COLLISION, mode)
-    frame = Frame(
-        step=step,
-        time=robots.now,
-        pose=state.pose[0],
-        mode=mode,
-        laden=laden,
-        action=actions,
-        reward=np.zeros(len(laden), np.float32),
-        pellets=state.pellets[0],
-        pellet_status=state.pellet_status[0],
-        delivered=np.zeros(len(laden), np.int64),
-        energy=np.zeros(len(laden)),
-        closest=np.full(len(laden), np.inf),
-        density=0.0,
-        pheromone=np.zeros((arena.rows, arena.columns)),
-        contacts=robots.world.contacts,
-    )
+def pictured(painter: Painter, frame: Frame, width: int, name: str) -> Image.Image:
     picture = Image.fromarray(painter.draw(frame))
     picture = picture.resize((width, round(width * picture.height / picture.width)), Image.Resampling.LANCZOS)
     framed = Image.new("RGB", (width, picture.height + STRIP), "white")
     framed.paste(picture, (0, STRIP))
-    text = f"{name}   {robots.now:.0f} s, {int(state.delivered[0])} pellets"
+    text = f"{name}   {frame.time:.0f} s, {int(frame.delivered.sum())} pellets"
     ImageDraw.Draw(framed).text((6, 5), text, fill="black", font=ImageFont.load_default(14))
     return framed
 

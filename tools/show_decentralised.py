@@ -401,7 +401,7 @@ def keys(options: Options) -> Held:
 
 
 def attack(team: TeamOfProcesses, certificates: dict[str, Any]) -> int:
-    """Send wheel commands for robot 0 and emergency stops; return how many messages of the tracker the sender has heard."""
+    """Send robot 0's wheel commands, and emergency stops; return how many poses the sender has heard."""
     heard: list[object] = []
     forward = WheelCommand(1.0, 12.0, 12.0, 1)
     with open_session(addresses(team)[:1], certificates) as session:

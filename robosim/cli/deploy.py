@@ -284,6 +284,33 @@ class Pheromones(_Common):
 
 
 @dataclass(frozen=True)
+class Engines:
+    """Play a team in both physics from the same start, and record them side by side."""
+
+    policy: Annotated[str, tyro.conf.Positional]
+    """Trained policy by name, or policy or run folder."""
+    arena: str | None = None
+    """Arena by name, or the path of its file; by default the policy's own."""
+    robots: int | None = None
+    """Team size; by default the policy's own."""
+    decisions: int = 1000
+    """Decisions to play."""
+    seed: int = 0
+    """Of where robots and pellets begin."""
+    profile: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE.toml")] = None
+    """What is random and wrong about robots and their tracker (docs/noise.md); by default nothing."""
+    save: Annotated[Path, tyro.conf.arg(metavar="RUN.rrd")] = Path("engines.rrd")
+    """The recording to write."""
+
+    def run(self) -> None:
+        from robosim.cli.engines import record_engines
+
+        delivered = record_engines(self)
+        said = ", ".join(f"{pellets} pellets in {engine}" for engine, pellets in delivered.items())
+        print(f"{self.save}: {self.decisions} decisions, {said}\nopen it with: {hint('view', self.save)}")
+
+
+@dataclass(frozen=True)
 class _OfOperator:
     team: str = "team"
     """Name of the team."""
@@ -398,6 +425,7 @@ class Deploy:
         | Annotated[Pheromones, tyro.conf.subcommand("pheromones")]
         | Annotated[Stop, tyro.conf.subcommand("stop")]
         | Annotated[Release, tyro.conf.subcommand("release")]
+        | Annotated[Engines, tyro.conf.subcommand("engines")]
         | Annotated[Demo, tyro.conf.subcommand("demo")],
         tyro.conf.arg(name=""),
     ]

@@ -122,6 +122,16 @@ class Controller:
         return -(-self._periods // self.arena.timing.control_steps)
 
     @property
+    def mode(self) -> NDArray[np.uint8]:
+        """[robots] `Mode` of each robot at the last decision, COLLISION overlaid."""
+        return self._team.shown_mode
+
+    @property
+    def occupancy(self) -> Floats:
+        """[rows, columns] occupancy of the pheromone map at the last decision, row 0 at the bottom."""
+        return self._team.occupancy
+
+    @property
     def emergency(self) -> str:
         """Why all robots are held; empty when they are not."""
         return self._emergency

@@ -5,19 +5,24 @@ There are two physics: pymunk, in which teams learn, and MuJoCo, which shares no
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
 
 from robosim.arena import Arena
-from robosim.deploy.controller import Command
+from robosim.deploy.controller import Command, Controller
 from robosim.deploy.readings import Readings
+from robosim.discretise.cells import Grid
 from robosim.discretise.noise import make_sensor
 from robosim.envs.config import EnvConfig, env_config
 from robosim.envs.profile import ProfileConfig
 from robosim.envs.vector import SENSING
+from robosim.episodes.frame import Frame
 from robosim.errors import refused
+from robosim.robot.drivers import STOP
+from robosim.world.contacts import no_contacts
 from robosim.world.physics import PhysicsWorld
 from robosim.world.state import LOOSE
 
@@ -102,6 +107,47 @@ class SimulatedRobots:
         self._astray = self._fix - state.pose[0]
         age = self._sensor.age * self.arena.timing.decision_period
         self._age = np.broadcast_to(age, state.held.shape)[0]
+
+
+def driven(controller: Controller, robots: SimulatedRobots, decisions: int) -> Iterator[Frame]:
+    """Let a fresh controller drive a team for so many decisions; yield the start, and what each led to.
+
+    Bodies, pellets and contacts are those of the world, modes and pheromones those of the controller; nobody
+    works out rewards. A frame's arrays are valid until the next one.
+    """
+    world, timing = robots.world, robots.arena.timing
+    count = world.robots
+    grid = Grid(robots.arena, margin=1)
+    action, delivered = np.full(count, STOP), np.zeros(count, np.int64)
+    for step in range(decisions + 1):
+        # Decides, and so knows of the moment that the frame shows.
+        command = controller.step(robots.readings(), robots.now)
+        state = world.state
+        if step:
+            delivered = delivered + state.deliveries[0]
+        cells = grid.flat_index(grid.cell_coordinates(state.pose[..., :2]))
+        yield Frame(
+            step=step,
+            time=step * timing.decision_period,
+            pose=state.pose[0],
+            mode=controller.mode,
+            laden=state.held[0] >= 0,
+            action=action,
+            reward=np.full(count, np.nan, np.float32),
+            pellets=state.pellets[0],
+            pellet_status=state.pellet_status[0],
+            delivered=delivered,
+            energy=np.zeros(count),
+            closest=np.full(count, np.inf),
+            density=float(grid.tunnel_density(cells)[0]),
+            pheromone=controller.occupancy,
+            contacts=world.contacts if step else no_contacts(),
+        )
+        assert command.actions is not None  # noqa: S101  a decision begins, which mypy cannot know
+        action = command.actions
+        robots.obey(command)
+        for _ in range(timing.control_steps - 1):
+            robots.obey(controller.step(robots.readings(), robots.now))
 
 
 def make_stand_in(

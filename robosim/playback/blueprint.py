@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import rerun.blueprint as rrb
@@ -110,15 +111,48 @@ def make_control_blueprint(arena: Arena, robots: int) -> rrb.Blueprint:
     )
 
 
+def make_beside_blueprint(arena: Arena, robots: int, scenes: Mapping[str, str]) -> rrb.Blueprint:
+    """Return the layout for runs of one team side by side; `scenes` are their roots and names."""
+    width, height = arena.size
+    views = [_arena_view(arena, root, name) for root, name in scenes.items()]
+    # Wide arenas above each other, others beside.
+    pictures: rrb.Container = rrb.Vertical(*views) if width > height else rrb.Horizontal(*views)
+    first = next(iter(scenes))
+    legend = _legend_view(len(palette.legend(arena.team(robots))), first)
+    plots = [
+        _plot(name, "/", legend=True, contents=[f"/{root}/{path}" for root in scenes])
+        for name, path in (
+            ("Pellets delivered by the team", entities.DELIVERED),
+            ("Tunnel density, robots per cell of length", entities.DENSITY),
+        )
+    ]
+    lanes = [_lanes(name, f"/{root}/modes") for root, name in scenes.items()]
+    words = [view for root, name in scenes.items() for view in _word_views(f"/{root}", f", {name}")]
+    left = rrb.Vertical(pictures, legend, row_shares=[9.0, 0.6])
+    right = rrb.Vertical(*plots, rrb.Tabs(*lanes), rrb.Tabs(*words), row_shares=[1.0, 1.0, 1.2, 1.0])
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[1.7, 1.0]),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=entities.STEP, fps=_PLAYBACK_FPS, play_state="paused"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
 def _words() -> rrb.Tabs:
-    return rrb.Tabs(
+    return rrb.Tabs(*_word_views("", ""))
+
+
+def _word_views(root: str, of: str) -> list[rrb.View]:
+    return [
         rrb.TextLogView(
-            origin="log",
-            name="Events",
+            origin=f"{root}/log",
+            name=f"Events{of}",
             columns=rrb.TextLogColumns(text_log_columns=[TextLogColumn("Body")]),
         ),
-        rrb.TextDocumentView(origin=entities.ABOUT, name="About this run"),
-    )
+        rrb.TextDocumentView(origin=f"{root}/{entities.ABOUT}", name=f"About this run{of}"),
+    ]
 
 
 def _learning_curves() -> rrb.Grid:
@@ -132,31 +166,34 @@ def _learning_curves() -> rrb.Grid:
     )
 
 
-def _mode_views() -> rrb.Tabs:
-    # A span about the cursor is in units of the timeline, so the first view fits `step` only.
+def _lanes(name: str, origin: str) -> rrb.StateTimelineView:
+    # A span about the cursor is in units of the timeline, so it fits `step` only.
     around = rrb.TimeRange(
         start=rrb.TimeRangeBoundary.cursor_relative(seq=-_MODE_STEPS),
         end=rrb.TimeRangeBoundary.cursor_relative(seq=_MODE_STEPS),
     )
-    near = rrb.StateTimelineView(
-        origin="modes", name="What each robot does", time_view=rrb.TimeAxis(view_range=around)
-    )
+    return rrb.StateTimelineView(origin=origin, name=name, time_view=rrb.TimeAxis(view_range=around))
+
+
+def _mode_views() -> rrb.Tabs:
+    near = _lanes("What each robot does", "modes")
     whole = rrb.StateTimelineView(origin="modes", name="The same, whole run")
     return rrb.Tabs(near, whole)
 
 
-def _arena_view(arena: Arena) -> rrb.Spatial2DView:
+def _arena_view(arena: Arena, root: str = "", name: str = "") -> rrb.Spatial2DView:
     width, height = arena.size
     margin = 0.02 * max(width, height)
+    below = f"/{root}" if root else ""
     return rrb.Spatial2DView(
-        origin="/",
-        contents=f"/{entities.ARENA}/**",
-        name=f"Arena {arena.name}",
+        origin=below or "/",
+        contents=f"{below}/{entities.ARENA}/**",
+        name=name or f"Arena {arena.name}",
         background=palette.BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(
             x_range=(-margin, width + margin), y_range=(-height - margin, margin)
         ),
-        overrides={entities.TRACKS: _last_seconds(arena, _TRACK_SECONDS)},
+        overrides={f"{below}/{entities.TRACKS}": _last_seconds(arena, _TRACK_SECONDS)},
     )
 
 
@@ -172,19 +209,22 @@ def _last_seconds(arena: Arena, seconds: float) -> rrb.VisibleTimeRanges:
     )
 
 
-def _legend_view(entries: int) -> rrb.Spatial2DView:
+def _legend_view(entries: int, root: str = "") -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
-        origin=entities.LEGEND,
+        origin=f"{root}/{entities.LEGEND}",
         titlebar=False,
         background=palette.BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=(-0.5, entries - 0.5), y_range=(-0.1, 0.32)),
     )
 
 
-def _plot(name: str, path: str, *, legend: bool) -> rrb.TimeSeriesView:
+def _plot(
+    name: str, path: str, *, legend: bool, contents: Sequence[str] = ("$origin/**",)
+) -> rrb.TimeSeriesView:
     whole = rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
     return rrb.TimeSeriesView(
         origin=path,
+        contents=list(contents),
         name=name,
         axis_x=rrb.TimeAxis(view_range=whole),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),

@@ -15,7 +15,7 @@ from robosim.episodes.columns import FrameColumns
 from robosim.playback import entities, palette
 from robosim.playback.changes import changed_rows
 from robosim.playback.scene import level_of_occupancy
-from robosim.playback.sending import send_rows
+from robosim.playback.sending import Stream, send_rows
 from robosim.world.state import PelletStatus
 
 POSITION_GRID = 1e-3
@@ -32,7 +32,7 @@ _MODE_COLOURS = np.array([palette.MODES[mode].colour for mode in Mode], dtype=np
 class BodyWriter:
     """Writes what a scene shows of a team, chunk by chunk, and remembers what the viewer already shows."""
 
-    def __init__(self, stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
+    def __init__(self, stream: Stream, arena: Arena, robots: int) -> None:
         self._stream = stream
         self._robots = robots
         self._shape = (arena.rows, arena.columns)

@@ -14,7 +14,7 @@ from robosim.arena.outline import body_outline
 from robosim.playback import entities, palette
 from robosim.playback.changes import changed_rows
 from robosim.playback.clogs import Drawn, NumberedClog, Settled
-from robosim.playback.sending import send_rows
+from robosim.playback.sending import Stream, send_rows
 
 LINK_GRID = 0.01
 """Links are written again when one of their ends moved to another step of this grid, m."""
@@ -23,7 +23,7 @@ LINK_GRID = 0.01
 class ClogWriter:
     """Writes clogs to a stream, and remembers what the viewer already shows."""
 
-    def __init__(self, stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
+    def __init__(self, stream: Stream, arena: Arena, robots: int) -> None:
         self._stream = stream
         self._robots = robots
         self._period = arena.timing.decision_period

@@ -15,6 +15,7 @@ from robosim.episodes.columns import FrameColumns
 from robosim.episodes.control_frame import ControlFrame
 from robosim.playback import entities, palette
 from robosim.playback.bodies import BodyWriter
+from robosim.playback.sending import Stream
 from robosim.robot.team import per_wheel
 from robosim.world.state import Gripper
 
@@ -30,9 +31,7 @@ Event = tuple[int, str, str, str]
 class ControlWriter(BodyWriter):
     """Writes control periods to a stream, chunk by chunk, and remembers what the viewer already shows."""
 
-    def __init__(
-        self, stream: rr.RecordingStream, arena: Arena, robots: int, action_names: Sequence[str]
-    ) -> None:
+    def __init__(self, stream: Stream, arena: Arena, robots: int, action_names: Sequence[str]) -> None:
         super().__init__(stream, arena, robots)
         team = arena.team(robots)
         self._names = np.array([*action_names], dtype=object)

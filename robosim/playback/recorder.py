@@ -22,7 +22,7 @@ from robosim.playback.clogs import ClogWatch, Settled
 from robosim.playback.clogwriter import ClogWriter
 from robosim.playback.file import recording_file, require_space
 from robosim.playback.scene import send_scene
-from robosim.playback.sending import send_rows
+from robosim.playback.sending import Stream, send_rows
 from robosim.playback.writer import FrameWriter
 from robosim.world.motion import MotionDraws
 
@@ -37,7 +37,7 @@ class Recorder:
 
     def __init__(
         self,
-        stream: rr.RecordingStream,
+        stream: Stream,
         arena: Arena,
         robots: int,
         folder: Path,
@@ -178,9 +178,7 @@ def recording(
         recorder.finish()
 
 
-def send_about(
-    stream: rr.RecordingStream, arena: Arena, facts: Mapping[str, str], how_to_read: str = ""
-) -> None:
+def send_about(stream: Stream, arena: Arena, facts: Mapping[str, str], how_to_read: str = "") -> None:
     """Send what a run is, in words, and how to read its recording."""
     lines = [f"- **{key}**: {value}" for key, value in facts.items()]
     text = "\n".join(["# About this run", "", *lines, "", how_to_read or _HOW_TO_READ])

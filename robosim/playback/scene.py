@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from robosim.arena.model import Arena, Zone
 from robosim.arena.outline import body_outline
 from robosim.playback import entities, palette
+from robosim.playback.sending import Stream
 from robosim.playback.shapes import Strip, body_strips, gripper, wall_edges
 from robosim.robot.sheet import RobotSheet
 from robosim.robot.team import Team
@@ -25,7 +26,7 @@ PHEROMONE_LEVELS = 64
 _CONTRAST = 3.0
 
 
-def send_scene(stream: rr.RecordingStream, arena: Arena, robots: int, *, rewards: bool = True) -> None:
+def send_scene(stream: Stream, arena: Arena, robots: int, *, rewards: bool = True) -> None:
     """Send everything that does not change: arena, robot shapes, legend, styles of the plots."""
     team = arena.team(robots)
     send_stage(stream, arena, team)
@@ -34,14 +35,14 @@ def send_scene(stream: rr.RecordingStream, arena: Arena, robots: int, *, rewards
     _send_series(stream, team, rewards=rewards)
 
 
-def send_stage(stream: rr.RecordingStream, arena: Arena, team: Team) -> None:
+def send_stage(stream: Stream, arena: Arena, team: Team) -> None:
     """Send the arena, and the robots' shapes, names and colours of their modes."""
     _send_arena(stream, arena, team)
     for robot, colour in enumerate(palette.heading_colours(team)):
         _send_robot(stream, arena, robot, team.sheets[robot], colour)
 
 
-def _send_arena(stream: rr.RecordingStream, arena: Arena, team: Team) -> None:
+def _send_arena(stream: Stream, arena: Arena, team: Team) -> None:
     # rerun's y points down and ours up; the 2D view shows the arena from its parent.
     stream.log(entities.ARENA, rr.Transform3D(scale=[1.0, -1.0, 1.0]), static=True)
     cell_to_metres = rr.Transform3D(scale=[arena.cell_size, arena.cell_size, 1.0])
@@ -92,7 +93,7 @@ def _send_arena(stream: rr.RecordingStream, arena: Arena, team: Team) -> None:
     )
 
 
-def _send_meetings(stream: rr.RecordingStream, arena: Arena) -> None:
+def _send_meetings(stream: Stream, arena: Arena) -> None:
     stream.log(
         entities.CLOGS,
         rr.LineStrips2D.from_fields(colors=palette.LINK, radii=0.05 * arena.robot.width, draw_order=_LINK),
@@ -105,9 +106,7 @@ def _send_meetings(stream: rr.RecordingStream, arena: Arena) -> None:
     )
 
 
-def _send_robot(
-    stream: rr.RecordingStream, arena: Arena, robot: int, sheet: RobotSheet, colour: palette.Colour
-) -> None:
+def _send_robot(stream: Stream, arena: Arena, robot: int, sheet: RobotSheet, colour: palette.Colour) -> None:
     line = 0.035 * sheet.width
     body, radius = body_strips(sheet)
     path = entities.robot(robot)
@@ -158,7 +157,7 @@ def _send_robot(
     )
 
 
-def send_legend(stream: rr.RecordingStream, styles: Sequence[palette.Style]) -> None:
+def send_legend(stream: Stream, styles: Sequence[palette.Style]) -> None:
     """Send the row of colours and their names below the arena."""
     colours = [style.colour for style in styles]
     swatches = rr.Points2D([(index, 0.0) for index in range(len(styles))], colors=colours, radii=0.07)
@@ -174,7 +173,7 @@ def send_legend(stream: rr.RecordingStream, styles: Sequence[palette.Style]) -> 
     stream.log(entities.NAMES, names, static=True)
 
 
-def _send_series(stream: rr.RecordingStream, team: Team, *, rewards: bool) -> None:
+def _send_series(stream: Stream, team: Team, *, rewards: bool) -> None:
     for path, name, steps in (
         (entities.DELIVERED, "pellets, team", True),
         (entities.DENSITY, "tunnel density n/L", True),

@@ -12,6 +12,7 @@ from robosim.episodes.columns import FrameColumns
 from robosim.playback import entities
 from robosim.playback.bodies import BodyWriter
 from robosim.playback.changes import changed_rows
+from robosim.playback.sending import Stream
 from robosim.world.contacts import ContactKind, onsets
 
 REWARD_STEPS = 20
@@ -25,7 +26,7 @@ LOG_PAUSE = 3.0
 class FrameWriter(BodyWriter):
     """Writes chunks of frames to a stream, and remembers what the viewer already shows."""
 
-    def __init__(self, stream: rr.RecordingStream, arena: Arena, robots: int) -> None:
+    def __init__(self, stream: Stream, arena: Arena, robots: int) -> None:
         super().__init__(stream, arena, robots)
         self._touching = False
         self._last_step = -1

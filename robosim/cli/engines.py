@@ -1,0 +1,49 @@
+"""`robosim deploy engines`: a team in both physics, side by side in one recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from robosim.cli.deploy import Engines
+    from robosim.deploy.simulated import EngineKind
+
+NAMES: dict[EngineKind, str] = {"pymunk": "pymunk, where teams learn", "mujoco": "MuJoCo, the second physics"}
+
+
+def record_engines(asked: Engines) -> dict[str, int]:
+    """Record what is asked for; return the pellets delivered in each engine. InputError for wrong input."""
+    from robosim.control.policy import load_policy
+    from robosim.deploy.controller import Controller
+    from robosim.deploy.simulated import ENGINES, driven, make_stand_in
+    from robosim.envs.config import MOST_STEPS
+    from robosim.envs.vector import MAX_SEED
+    from robosim.errors import whole_number
+    from robosim.playback.beside import recording_beside
+
+    whole_number("--decisions", asked.decisions, 1, MOST_STEPS)
+    whole_number("--seed", asked.seed, 0, MAX_SEED)
+    policy, name = load_policy(asked.policy), Path(asked.policy).name
+    runs = {}
+    for engine in ENGINES:
+        controller = Controller(policy, asked.robots, asked.arena, name=name)
+        # As in an evaluation: how a policy learned does not change what it is tried on.
+        config = controller.config.changed(pellet_gradient=0.0, profile=None, episode_steps=0)
+        robots = make_stand_in(engine, config, seed=asked.seed, profile=asked.profile)
+        runs[engine] = driven(controller, robots, asked.decisions)
+    about = {"policy": name, "seed": str(asked.seed), "profile": asked.profile or "none"}
+    scenes = {engine: NAMES[engine] for engine in ENGINES}
+    beside = recording_beside(
+        asked.save, controller.arena, robots=controller.robots, scenes=scenes, about=about
+    )
+    delivered = dict.fromkeys(map(str, ENGINES), 0)
+    every = max(1, asked.decisions // 10)
+    with beside as recorders:
+        for frames in zip(*(runs[engine] for engine in ENGINES), strict=True):
+            for engine, frame in zip(ENGINES, frames, strict=True):
+                recorders[engine].add(frame)
+                delivered[engine] = int(frame.delivered.sum())
+            if frames[0].step and frames[0].step % every == 0:
+                print(f"step {frames[0].step}/{asked.decisions}  {delivered}", flush=True)
+    return delivered
