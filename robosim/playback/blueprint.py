@@ -127,7 +127,7 @@ def make_beside_blueprint(arena: Arena, robots: int, scenes: Mapping[str, str]) 
         )
     ]
     lanes = [_lanes(name, f"/{root}/modes") for root, name in scenes.items()]
-    words = [view for root, name in scenes.items() for view in _word_views(f"/{root}", f", {name}")]
+    words = [view for root in scenes for view in _word_views(f"/{root}", f", {root}")]
     left = rrb.Vertical(pictures, legend, row_shares=[9.0, 0.6])
     right = rrb.Vertical(*plots, rrb.Tabs(*lanes), rrb.Tabs(*words), row_shares=[1.0, 1.0, 1.2, 1.0])
     return rrb.Blueprint(
