@@ -25,22 +25,19 @@ def record_engines(asked: Engines) -> dict[str, int]:
     whole_number("--decisions", asked.decisions, 1, MOST_STEPS)
     whole_number("--seed", asked.seed, 0, MAX_SEED)
     policy, name = load_policy(asked.policy), Path(asked.policy).name
-    runs = {}
-    for engine in ENGINES:
-        controller = Controller(policy, asked.robots, asked.arena, name=name)
-        # As in an evaluation: how a policy learned does not change what it is tried on.
-        config = controller.config.changed(pellet_gradient=0.0, profile=None, episode_steps=0)
-        robots = make_stand_in(engine, config, seed=asked.seed, profile=asked.profile)
-        runs[engine] = driven(controller, robots, asked.decisions)
+    controllers = [Controller(policy, asked.robots, asked.arena, name=name) for _ in ENGINES]
+    first = controllers[0]
+    # As in an evaluation: how a policy learned does not change what it is tried on.
+    config = first.config.changed(pellet_gradient=0.0, profile=None, episode_steps=0)
+    teams = [make_stand_in(engine, config, seed=asked.seed, profile=asked.profile) for engine in ENGINES]
+    runs = [driven(*both, asked.decisions) for both in zip(controllers, teams, strict=True)]
     about = {"policy": name, "seed": str(asked.seed), "profile": asked.profile or "none"}
-    scenes = {engine: NAMES[engine] for engine in ENGINES}
-    beside = recording_beside(
-        asked.save, controller.arena, robots=controller.robots, scenes=scenes, about=about
-    )
+    scenes = {str(engine): NAMES[engine] for engine in ENGINES}
+    beside = recording_beside(asked.save, first.arena, robots=first.robots, scenes=scenes, about=about)
     delivered = dict.fromkeys(map(str, ENGINES), 0)
     every = max(1, asked.decisions // 10)
     with beside as recorders:
-        for frames in zip(*(runs[engine] for engine in ENGINES), strict=True):
+        for frames in zip(*runs, strict=True):
             for engine, frame in zip(ENGINES, frames, strict=True):
                 recorders[engine].add(frame)
                 delivered[engine] = int(frame.delivered.sum())

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnxruntime
@@ -12,10 +12,17 @@ from numpy.typing import NDArray
 
 from robosim.control.card import PolicyCard
 from robosim.control.network import draws
-from robosim.errors import InputError
+from robosim.errors import InputError, shown
+from robosim.texts import parse_json, read_limited
 
 OBSERVATION, DRAWS, ACTIONS, VALUES = "observation", "draws", "actions", "values"
 """Names of the graph's inputs and outputs; `draws` is there only where actions are drawn."""
+MOST_BYTES = 2**28
+"""Of a file; the largest policy that ships takes 2 MB."""
+
+_INPUTS = {OBSERVATION: ("tensor(float)", 3), DRAWS: ("tensor(float)", 2)}
+_OUTPUTS = {ACTIONS: ("tensor(int64)", 2), VALUES: ("tensor(float)", None)}
+"""Type and dimensions of each; values have as many as their head."""
 
 Floats = NDArray[np.float32]
 
@@ -24,16 +31,22 @@ class OnnxPolicy:
     """An exported policy, run by onnxruntime on one thread."""
 
     def __init__(self, model: bytes | str | Path) -> None:
-        """Take the file's bytes or its path; InputError for a file that onnxruntime does not take."""
+        """Take the file's bytes or its path.
+
+        InputError for a file that onnxruntime does not take, or that robosim cannot have exported. Nothing
+        but the file is read: weights in files beside it are refused.
+        """
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
+        # What is wrong is said here, in a sentence.
+        options.log_severity_level = 4
         self._place = "model" if isinstance(model, bytes) else str(model)
-        source = model if isinstance(model, bytes) else str(model)
+        data = model if isinstance(model, bytes) else read_limited(Path(model), MOST_BYTES)
         try:
-            self._session = onnxruntime.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # noqa: BLE001  its own errors have no class in common
-            said = " ".join(str(error).split()).rstrip(".")
-            raise InputError(f"{self._place}: onnxruntime cannot run it: {said}.") from None
+            raise InputError(f"{self._place}: onnxruntime cannot run it: {_said(error)}.") from None
+        self._size = self._check_graph()
 
     @property
     def metadata(self) -> dict[str, str]:
@@ -44,17 +57,24 @@ class OnnxPolicy:
     def card(self) -> PolicyCard:
         """The policy's card; InputError for a file that robosim has not exported."""
         try:
-            table = json.loads(self.metadata["card"])
-        except (KeyError, ValueError, RecursionError):
+            table = parse_json(self.metadata["card"])
+        except (KeyError, ValueError):
             table = None
         if not isinstance(table, dict):
             raise InputError(f"{self._place}: its metadata hold no card, so robosim has not exported it.")
-        return PolicyCard.from_table(table, f"{self._place}: card")
+        card = PolicyCard.from_table(table, f"{self._place}: card")
+        if len(card.observation) != self._size:
+            raise InputError(
+                f"{self._place}: its card has observations of {len(card.observation)} numbers, but its graph "
+                f"of {self._size}."
+            )
+        return card
 
     def run(self, observation: Floats, decision: int | None = None) -> tuple[NDArray[np.int64], Floats]:
         """Return actions [batch, robots] and values for observations [batch, robots, size].
 
-        A policy that draws its actions needs the number of the `decision`; InputError where that is missing.
+        A policy that draws its actions needs the number of the `decision`; InputError where that is missing,
+        and for a graph that fails.
         """
         inputs = {OBSERVATION: observation}
         if any(one.name == DRAWS for one in self._session.get_inputs()):
@@ -64,9 +84,55 @@ class OnnxPolicy:
                     "episode: this policy draws its actions."
                 )
             inputs[DRAWS] = draws(decision, observation.shape[:-1])
-        actions, values = self._session.run([ACTIONS, VALUES], inputs)
+        shape = list(observation.shape)
+        try:
+            actions, values = self._session.run([ACTIONS, VALUES], inputs)
+        except Exception as error:  # noqa: BLE001  its own errors have no class in common
+            raise InputError(
+                f"{self._place}: onnxruntime cannot run it on observations {shape}: {_said(error)}."
+            ) from None
+        if list(actions.shape) != shape[:2]:
+            raise InputError(
+                f"{self._place}: chooses actions {list(actions.shape)} for observations {shape}, but must "
+                f"choose {shape[:2]}."
+            )
         return actions, values
 
     def act(self, observation: Floats, decision: int | None = None) -> NDArray[np.int64]:
-        """Return the actions [batch, robots] for observations [batch, robots, size]; as `run` otherwise."""
-        return self.run(observation, decision)[0]
+        """Return the actions [batch, robots] for observations [batch, robots, size].
+
+        As `run` otherwise; InputError, too, for actions that the policy's card does not know.
+        """
+        actions = self.run(observation, decision)[0]
+        most = self.card.network.actions - 1
+        # As numbers without sign, those below 0 are large.
+        if actions.view(np.uint64).max(initial=0) > most:
+            wrong = shown(actions.ravel().tolist())
+            raise InputError(f"{self._place}: chooses actions {wrong}, but must choose from 0 to {most}.")
+        return actions
+
+    def _check_graph(self) -> int:
+        """Return how many numbers an observation has; InputError unless inputs and outputs are a policy's."""
+        found = self._session.get_inputs(), self._session.get_outputs()
+        for what, ports, known, needed in (
+            ("inputs", found[0], _INPUTS, {OBSERVATION}),
+            ("outputs", found[1], _OUTPUTS, {ACTIONS, VALUES}),
+        ):
+            names = {one.name for one in ports}
+            wrong = [one.name for one in ports if not _fits(one, known)]
+            if wrong or not needed <= names:
+                raise InputError(
+                    f"{self._place}: is no policy that robosim has exported: its {what} are "
+                    f"{shown([f'{one.name} {one.type} {one.shape}' for one in ports])}."
+                )
+        size = next(one.shape[2] for one in found[0] if one.name == OBSERVATION)
+        return size if isinstance(size, int) else 0
+
+
+def _fits(port: Any, known: dict[str, tuple[str, int | None]]) -> bool:
+    kind, dimensions = known.get(port.name, ("", None))
+    return port.type == kind and dimensions in (None, len(port.shape))
+
+
+def _said(error: Exception) -> str:
+    return " ".join(str(error).split()).rstrip(".")

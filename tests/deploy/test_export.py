@@ -1,5 +1,7 @@
 import hashlib
 import json
+import os
+import random
 
 import numpy as np
 import onnx
@@ -11,7 +13,7 @@ from robosim.control.environment import environment_for
 from robosim.control.learned import LearnedController
 from robosim.control.policy import find_policy, read_policy
 from robosim.deploy.export import agreement, onnx_model, real_observations
-from robosim.deploy.runtime import OnnxPolicy
+from robosim.deploy.runtime import ACTIONS, OnnxPolicy
 from robosim.errors import InputError
 from tests.deploy.made import make_policy, random_observations
 
@@ -238,3 +240,99 @@ def test_what_cannot_be_exported_is_refused_in_a_sentence(tmp_path, monkeypatch,
     assert main(["export", *arguments]) == 2
     assert capsys.readouterr().err == f"robosim: {sentence}\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def changed_graph(path, model, change):
+    """Write a model after `change` has been made to it."""
+    graph = onnx.load_from_string(model)
+    change(graph)
+    path.write_bytes(graph.SerializeToString())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda model: model.graph.output.pop(), "is no policy that robosim has exported: its outputs are "),
+        (
+            lambda model: setattr(model.graph.input[0].type.tensor_type.shape.dim[2], "dim_value", 7),
+            "onnxruntime cannot run it",
+        ),
+        (
+            lambda model: model.graph.initializer.pop(),
+            "onnxruntime cannot run it: ",
+        ),
+    ],
+    ids=["an output gone", "another size", "weights gone"],
+)
+def test_a_graph_that_is_no_policy_ends_in_a_sentence(tmp_path, change, sentence):
+    folder = make_policy(tmp_path / "made", of_robot=(0, 0, 0))
+    policy = read_policy(folder)
+    path = changed_graph(tmp_path / "team.onnx", onnx_model(folder), change)
+    with pytest.raises(InputError) as caught:
+        OnnxPolicy(path).act(random_observations(policy, 2))
+    assert str(caught.value).startswith(f"{path}: {sentence}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_graph_and_a_card_of_other_sizes_are_refused(tmp_path):
+    """Or actions that nobody knows: a robot must not be commanded by them."""
+    folder = make_policy(tmp_path / "made", of_robot=(0, 0, 0))
+    other = onnx.load_from_string(onnx_model(find_policy("paper-1")))
+    said = {one.key: one.value for one in other.metadata_props}["card"]
+
+    def swap(model):
+        next(one for one in model.metadata_props if one.key == "card").value = said
+
+    small = onnx_model(make_policy(tmp_path / "small", env={"stigmergy": False}, of_robot=(0, 0, 0)))
+    path = changed_graph(tmp_path / "team.onnx", small, swap)
+    with pytest.raises(InputError) as caught:
+        OnnxPolicy(path).card  # noqa: B018
+    assert str(caught.value).startswith(f"{path}: its card has observations of ")
+
+    def shift(model):
+        graph = model.graph
+        chosen = next(node for node in graph.node if ACTIONS in node.output)
+        chosen.output[0] = "chosen"
+        graph.initializer.append(onnx.numpy_helper.from_array(np.array(-9, np.int64), "nine"))
+        graph.node.append(onnx.helper.make_node("Add", ["chosen", "nine"], [ACTIONS], "shift"))
+
+    policy = OnnxPolicy(changed_graph(path, onnx_model(folder), shift))
+    with pytest.raises(InputError) as caught:
+        policy.act(random_observations(read_policy(folder), 1))
+    assert str(caught.value).startswith(f"{path}: chooses actions [-")
+    assert str(caught.value).endswith("but must choose from 0 to 4.")
+
+
+def test_only_the_file_itself_is_read(tmp_path):
+    """Weights that lie elsewhere are refused, and a pipe is not waited for."""
+    model = onnx.load_from_string(onnx_model(make_policy(tmp_path / "made", of_robot=(0, 0, 0))))
+    path = tmp_path / "team.onnx"
+    onnx.save(model, path, save_as_external_data=True, location="weights.bin", size_threshold=0)
+    with pytest.raises(InputError) as caught:
+        OnnxPolicy(path)
+    assert str(caught.value).startswith(f"{path}: onnxruntime cannot run it: ")
+    os.mkfifo(tmp_path / "pipe.onnx")
+    with pytest.raises(InputError) as caught:
+        OnnxPolicy(tmp_path / "pipe.onnx")
+    assert str(caught.value) == f"{tmp_path}/pipe.onnx: not a regular file."
+
+
+def test_damaged_files_are_run_or_refused_in_a_sentence(tmp_path):
+    """A few of them here, by a seeded loop."""
+    folder = make_policy(tmp_path / "made", of_robot=(0, 0, 0))
+    policy, model = read_policy(folder), onnx_model(folder)
+    observations, ran = random_observations(policy, 1), 0
+    for seed in range(30):
+        data = bytearray(model)
+        rng = random.Random(seed)
+        for _ in range(rng.randrange(1, 4)):
+            data[rng.randrange(len(data))] = rng.randrange(256)
+        try:
+            one = OnnxPolicy(bytes(data[: rng.choice([None, None, rng.randrange(len(data))])]))
+            one.card  # noqa: B018
+            assert one.act(observations).shape == (1, 3)
+            ran += 1
+        except InputError as error:
+            assert "\n" not in str(error), seed
+    assert 0 < ran < 30
