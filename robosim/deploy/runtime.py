@@ -43,15 +43,19 @@ class OnnxPolicy:
         self._place = "model" if isinstance(model, bytes) else str(model)
         data = model if isinstance(model, bytes) else read_limited(Path(model), MOST_BYTES)
         try:
-            self._session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+            # Otherwise it tries what has failed a second time, and says so on the standard output.
+            self._session = onnxruntime.InferenceSession(
+                data, options, providers=["CPUExecutionProvider"], enable_fallback=0
+            )
+            # Names in it may be no text.
+            self.metadata = dict(self._session.get_modelmeta().custom_metadata_map)
+            """What the file says of itself."""
+            self._size = self._check_graph()
+            self._draws = any(one.name == DRAWS for one in self._session.get_inputs())
+        except InputError:
+            raise
         except Exception as error:  # noqa: BLE001  its own errors have no class in common
             raise InputError(f"{self._place}: onnxruntime cannot run it: {_said(error)}.") from None
-        self._size = self._check_graph()
-
-    @property
-    def metadata(self) -> dict[str, str]:
-        """What the file says of itself."""
-        return dict(self._session.get_modelmeta().custom_metadata_map)
 
     @cached_property
     def card(self) -> PolicyCard:
@@ -77,7 +81,7 @@ class OnnxPolicy:
         and for a graph that fails.
         """
         inputs = {OBSERVATION: observation}
-        if any(one.name == DRAWS for one in self._session.get_inputs()):
+        if self._draws:
             if decision is None:
                 raise InputError(
                     f"{self._place}: decision is missing, but must be the number of the decision in the "

@@ -38,8 +38,8 @@ _MAGIC = b"RS"
 _HEADER = struct.Struct("<2sBBHQId")
 _FASTEST_WHEEL = 1e4
 """rad/s; faster than any wheel, so a sign of garbage."""
-_LONGEST_TIME = 1e9
-"""s, some thirty years."""
+LONGEST_TIME = 1e7
+"""s, some four months: so the number of a decision fits its four bytes in every arena."""
 _PATCH = np.dtype("<f4")
 
 
@@ -198,7 +198,7 @@ class Pose:
         time, x, y, heading, age = cls._layout.unpack(data)
         pose = (x, y, heading)
         _require_time(time)
-        _require(0.0 <= age <= _LONGEST_TIME, "age out of range")
+        _require(0.0 <= age <= LONGEST_TIME, "age out of range")
         lost = [math.isnan(number) for number in pose]
         _require(all(lost) or not any(lost), "half a pose")
         _require(all(lost) or all(abs(number) <= 1e6 for number in pose), "pose out of range")
@@ -452,4 +452,4 @@ def _require_length(data: bytes, length: int) -> None:
 
 
 def _require_time(time: float) -> None:
-    _require(0.0 <= time <= _LONGEST_TIME, "time out of range")
+    _require(0.0 <= time <= LONGEST_TIME, "time out of range")

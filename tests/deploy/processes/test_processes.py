@@ -1,9 +1,8 @@
 """The processes of a team on a real link: who is obeyed, what stops a robot, and what comes of it."""
 
 import hashlib
-import threading
 import time
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from io import StringIO
 
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 from robosim.cli.main import main
 from robosim.control.policy import load_policy
 from robosim.deploy.controller import Controller
-from robosim.deploy.link.access import LinkConfig
 from robosim.deploy.link.lines import Lines
 from robosim.deploy.link.mail import Letter, Mail
 from robosim.deploy.link.messages import (
@@ -32,63 +30,22 @@ from robosim.deploy.processes import pheromones as service_module
 from robosim.deploy.processes import robot as robot_module
 from robosim.deploy.processes.launch import free_addresses
 from robosim.deploy.processes.pheromones import PheromoneService
-from robosim.deploy.processes.robot import RobotProcess
 from robosim.deploy.processes.stopping import Ending
 from robosim.deploy.processes.world import AS_FAST_AS_ALL_ANSWER, WorldProcess
 from robosim.deploy.simulated import SimulatedRobots
 from robosim.envs.config import env_config
 from robosim.errors import InputError
+from tests.deploy.processes.team import (
+    ARENA,
+    CONFIG,
+    SETUP,
+    link_config,
+    robot_process,
+    running,
+    until,
+)
 
-POLICY = load_policy("paper-2-smadrl")
-CONTROLLER = Controller(POLICY)
-CONFIG = CONTROLLER.config.changed(pellet_gradient=0.0, profile=None)
-ARENA = CONTROLLER.arena
-SETUP = setup_number(CONFIG)
-
-
-@contextmanager
-def running(*jobs):
-    """Run processes as threads until the block ends; what they raise is raised then."""
-    ending, failed = Ending(), []
-
-    def run(job):
-        try:
-            job(ending)
-        except Exception as error:
-            failed.append(error)
-
-    threads = [threading.Thread(target=run, args=(job,)) for job in jobs]
-    for thread in threads:
-        thread.start()
-    try:
-        yield failed
-    finally:
-        ending.asked = True
-        for thread in threads:
-            thread.join(10.0)
-
-
-def until(holds, timeout=5.0):
-    """Wait until something holds; whether it has in time."""
-    limit = time.monotonic() + timeout
-    while not holds() and time.monotonic() < limit:
-        time.sleep(0.005)
-    return holds()
-
-
-@pytest.fixture
-def link_config():
-    world_at, map_at = free_addresses(2)
-    return LinkConfig(team="test", world_at=world_at, map_at=map_at)
-
-
-def robot_process(number, config, stack, text=None, policy=POLICY, plays=CONFIG, log=None):
-    link = stack.enter_context(
-        Link(f"robot-{number}", config, connect=(config.world_at, config.map_at), robots=plays.robots)
-    )
-    lines = Lines(f"robot {number}", text or StringIO())
-    arena = Controller(policy).arena
-    return RobotProcess(policy, number, plays, arena, link, lines, log=log)
+__all__ = ["link_config"]
 
 
 def team_on_a_link(config, decisions, policy, plays, profile, logs=None):
