@@ -83,7 +83,7 @@ def test_without_a_map_of_its_own_none_is_worked_out(tmp_path):
     [
         (1, {"env": {"robots": 0}}, "line 1: env.robots is 0, but must be a whole number from 1 to 1000."),
         (1, {"map": "other"}, 'line 1: map is "other", but must be "own" or "shared".'),
-        (2, {"pose": [[0]] * 2}, "line 2: pose is [[0], [0]], but must be numbers in the shape [2, 3]."),
+        (2, {"pose": [[0.5], []]}, "line 2: pose is [[0.5], []], but must be numbers in the shape [2, 3]."),
         (2, {"actions": [0, 5]}, "line 2: actions is [0, 5], but must be whole numbers from 0 to 4."),
         (2, {"actions": None}, "line 2: a run begins without a decision."),
         (2, {"pose": [[0.7, 0.5, 0], [-1, 0, 0]]}, "line 2: robot 1 is not on the map as a run begins."),

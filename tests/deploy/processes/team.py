@@ -46,7 +46,7 @@ def running(*jobs):
             thread.join(10.0)
 
 
-def until(holds, timeout=5.0):
+def until(holds, timeout=30.0):
     """Wait until something holds; whether it has in time."""
     limit = time.monotonic() + timeout
     while not holds() and time.monotonic() < limit:

