@@ -41,9 +41,10 @@ ARENAS = ("paper", "robotarium")
 
 
 def shipped_teams() -> list[str]:
-    """Return the policies that ship for the arenas compared, smaller teams first."""
-    names = [name for name in policy_names() if name.rpartition("-")[0].partition("-")[0] in ARENAS]
-    return sorted(names, key=lambda name: (load_policy(name).card.arena.name, load_policy(name).card.robots))
+    """Return the policies whose cards name one of the arenas compared, smaller teams first."""
+    cards = {name: load_policy(name).card for name in policy_names()}
+    names = [name for name, card in cards.items() if card.arena.name in ARENAS]
+    return sorted(names, key=lambda name: (cards[name].arena.name, cards[name].robots))
 
 
 def fingerprint(content: bytes) -> str:
