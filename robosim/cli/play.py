@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from robosim.episodes.trajectory import Trajectory
     from robosim.playback.episode import OnStep, Recorded
 
-LOG_SUFFIX = ".jsonl"
-"""What the name of a controller's log ends in."""
 _OF_LOGS = {"policy", "save", "steps", "view"}
 """Options that go with a log."""
 AROUND = 5.0
@@ -82,6 +80,7 @@ class Play:
         """Record, and say where the recording is and how to open it."""
         from robosim.envs.config import MOST_STEPS
         from robosim.envs.vector import MAX_SEED
+        from robosim.episodes.control_frame import LOG_SUFFIX
         from robosim.episodes.trajectory import SUFFIX
         from robosim.errors import whole_number
 

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from robosim.equality import EqualByValue
 
+LOG_SUFFIX = ".jsonl"
+"""What the name of a controller's log ends in."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlFrame(EqualByValue):

@@ -15,6 +15,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import RrdReader
 
+from robosim.episodes.control_frame import LOG_SUFFIX
 from robosim.episodes.trajectory import SUFFIX
 from robosim.errors import InputError
 
@@ -86,6 +87,8 @@ def require_whole_recording(path: Path) -> None:
         raise InputError(f"{path}: this is no file, so it is no recording.")
     if path.suffix == SUFFIX:
         raise InputError(f"{path}: a trajectory is no recording; `robosim play` makes one of it.")
+    if path.suffix == LOG_SUFFIX:
+        raise InputError(f"{path}: a controller's log is no recording; `robosim play` makes one of it.")
     try:
         with warnings.catch_warnings():
             # That it has no footer; a file that was cut off has none, and then it is refused below.

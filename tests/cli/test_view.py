@@ -126,6 +126,11 @@ def _cut(path: Path, recorded: Path) -> None:
             lambda path, recorded: np.savez(path, seed=0),
             "a trajectory is no recording; `robosim play` makes one of it.",
         ),
+        (
+            "run.jsonl",
+            lambda path, recorded: path.write_text("{}\n"),
+            "a controller's log is no recording; `robosim play` makes one of it.",
+        ),
     ],
 )
 def test_what_is_no_recording_is_refused_in_a_sentence(

@@ -132,9 +132,12 @@ def damaged_texts(draw: st.DrawFn) -> str:
             text = "\n".join(lines)
         else:
             key = draw(
-                st.sampled_from(["mass", "wheel_speed", "zone", "poses", "substeps", "count", "shape"])
+                st.sampled_from(
+                    ["mass", "wheel_speed", "zone", "poses", "substeps", "count", "shape", "role"]
+                )
             )
-            table = draw(st.sampled_from(["robot", "pellets", "timing", "start", "randomisation"]))
+            tables = ["robot", "pellets", "timing", "start", "randomisation", "[groups]", "groups.robot"]
+            table = draw(st.sampled_from(tables))
             text += f"\n[{table}]\n{key} = {draw(st.sampled_from(ODD_NUMBERS))}\n"
         text = text or "#"
     return text

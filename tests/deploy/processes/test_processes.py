@@ -49,7 +49,7 @@ __all__ = ["link_config"]
 
 
 def team_on_a_link(config, decisions, policy, plays, profile, logs=None):
-    """Run a team as threads; return what came of it, frames, decisions, messages lost, and what was said."""
+    """Run a team as threads; return what came of it, frames, decisions, what was lost or late, and was said."""
     frames, text = [], StringIO()
     arena, setup = Controller(policy).arena, setup_number(plays)
     with ExitStack() as stack:
@@ -82,15 +82,16 @@ def team_on_a_link(config, decisions, policy, plays, profile, logs=None):
         with running(service.run, *jobs) as failed:
             ran = world.run(decisions, Ending(), 10.0)
     assert failed == []
-    lost = ran.lost + service.lost + sum(robot.lost for robot in robots)
-    return ran, frames, [robot.decisions for robot in robots], lost, text.getvalue()
+    late = ran.lost + sum(ran.stopped) + service.lost + service.incomplete
+    late += sum(robot.lost + robot.early + robot.unanswered for robot in robots)
+    return ran, frames, [robot.decisions for robot in robots], late, text.getvalue()
 
 
 @pytest.mark.parametrize(
     ("name", "profile"), [("paper-2-smadrl", None), ("relay-4", "robotarium")], ids=["equals", "mixed, noisy"]
 )
 def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config, tmp_path, name, profile):
-    """Unless messages get lost or late, which may happen on a busy machine: then another one is tried."""
+    """Unless messages get lost or late, which is counted, and may happen on a busy machine."""
     decisions = 12
     policy = load_policy(name)
     controller = Controller(policy)
@@ -104,13 +105,16 @@ def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config, 
     for attempt in range(4):
         logs = tmp_path / str(attempt)
         logs.mkdir()
-        ran, frames, decided, lost, text = team_on_a_link(
+        ran, frames, decided, late, text = team_on_a_link(
             link_config, decisions, policy, plays, profile, logs
         )
-        if ran.trajectory == trajectory.hexdigest():
+        if late == 0:
             break
-    assert ran.trajectory == trajectory.hexdigest(), f"{lost} messages lost; {text}"
-    assert ran.stopped == [0] * plays.robots
+    else:
+        pytest.skip(
+            f"the machine is too busy: in four runs messages came late or not at all, {late} in the last"
+        )
+    assert ran.trajectory == trajectory.hexdigest(), text
     assert [step for step, _, _ in frames] == list(range(decisions + 1))
     assert frames[-1][1] > 0.1
     # Nobody works rewards out here, so none are shown.
