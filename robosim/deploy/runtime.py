@@ -20,8 +20,9 @@ OBSERVATION, DRAWS, ACTIONS, VALUES = "observation", "draws", "actions", "values
 MOST_BYTES = 2**28
 """Of a file; the largest policy that ships takes 2 MB."""
 
-_INPUTS = {OBSERVATION: ("tensor(float)", 3), DRAWS: ("tensor(float)", 2)}
-_OUTPUTS = {ACTIONS: ("tensor(int64)", 2), VALUES: ("tensor(float)", None)}
+_Ports = dict[str, tuple[str, int | None]]
+_INPUTS: _Ports = {OBSERVATION: ("tensor(float)", 3), DRAWS: ("tensor(float)", 2)}
+_OUTPUTS: _Ports = {ACTIONS: ("tensor(int64)", 2), VALUES: ("tensor(float)", None)}
 """Type and dimensions of each; values have as many as their head."""
 
 Floats = NDArray[np.float32]
@@ -133,7 +134,7 @@ class OnnxPolicy:
         return size if isinstance(size, int) else 0
 
 
-def _fits(port: Any, known: dict[str, tuple[str, int | None]]) -> bool:
+def _fits(port: Any, known: _Ports) -> bool:
     kind, dimensions = known.get(port.name, ("", None))
     return port.type == kind and dimensions in (None, len(port.shape))
 

@@ -49,7 +49,7 @@ __all__ = ["link_config"]
 
 
 def team_on_a_link(config, decisions, policy, plays, profile, logs=None):
-    """Run a team as threads; return what came of it, frames, decisions, what was lost or late, and was said."""
+    """Run a team as threads; return what came of it, frames, decisions, what was late, and what was said."""
     frames, text = [], StringIO()
     arena, setup = Controller(policy).arena, setup_number(plays)
     with ExitStack() as stack:
