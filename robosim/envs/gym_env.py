@@ -14,7 +14,7 @@ from robosim.control.controller import Controller, make_controller
 from robosim.envs.actions import checked_action
 from robosim.envs.config import EnvConfig
 from robosim.envs.render import RENDER_MODES, checked_render_mode, render_metadata
-from robosim.envs.seeding import EpisodeSeed
+from robosim.envs.seeding import EpisodeSeed, require_fields
 from robosim.envs.spaces import robot_spaces
 from robosim.envs.vector import VectorEnv
 from robosim.envs.window import Screen
@@ -45,6 +45,7 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
         **fields: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
+        require_fields(fields, seeded_by="reset(seed=...)")
         if not isinstance(arena, EnvConfig):
             fields.setdefault("reward", "local")
         self._batch = VectorEnv(arena, num_envs=1, autoreset=False, **fields)

@@ -17,7 +17,7 @@ from robosim.control.controller import Controller
 from robosim.envs.config import EnvConfig
 from robosim.envs.gym_env import driver_of
 from robosim.envs.render import Painter, checked_render_mode
-from robosim.envs.seeding import fresh_seed
+from robosim.envs.seeding import fresh_seed, require_fields
 from robosim.envs.spaces import robot_spaces
 from robosim.envs.vector import MAX_ENVS, VectorEnv, actions_in_rows, checked_actions, env_seeds
 from robosim.envs.workers import WorkerVectorEnv, vector_env
@@ -58,6 +58,7 @@ class ExcavationVectorEnv(gymnasium.vector.VectorEnv[Observations, NDArray[np.in
         **fields: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
+        require_fields(fields, seeded_by="reset(seed=...)")
         mode = _checked_mode(autoreset_mode)
         self._others = None if others is None else driver_of(others)
         self.num_envs = whole_number("num_envs", num_envs, 1, MAX_ENVS)
@@ -190,7 +191,7 @@ class ExcavationVectorEnv(gymnasium.vector.VectorEnv[Observations, NDArray[np.in
     def _counts(self, delivered: NDArray[np.int64]) -> Infos:
         """Return the infos of a decision after which robots have delivered so much, [envs, robots]."""
         of_team = np.broadcast_to(delivered.sum(axis=1, keepdims=True), delivered.shape)
-        seeds = np.broadcast_to(np.array(self._seeds)[:, None], delivered.shape)
+        seeds = np.broadcast_to(np.array(self._seeds, np.uint64)[:, None], delivered.shape)
         counts = {"delivered": delivered, "team_delivered": of_team, "seed": seeds}
         return _masked({name: self._rows(values) for name, values in counts.items()})
 

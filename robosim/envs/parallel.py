@@ -15,7 +15,7 @@ from robosim.arena.model import Arena
 from robosim.envs.actions import checked_action
 from robosim.envs.config import EnvConfig
 from robosim.envs.render import RENDER_MODES, checked_render_mode, render_metadata
-from robosim.envs.seeding import EpisodeSeed
+from robosim.envs.seeding import EpisodeSeed, require_fields
 from robosim.envs.spaces import robot_spaces
 from robosim.envs.vector import VectorEnv
 from robosim.envs.window import Screen
@@ -49,6 +49,7 @@ class ParallelExcavation(ParallelEnv):  # type: ignore[misc]  # pettingzoo ships
         **fields: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
+        require_fields(fields, seeded_by="reset(seed=...)")
         self._batch = VectorEnv(arena, num_envs=1, autoreset=False, **fields)
         self._seed = EpisodeSeed(self._batch)
         layout, robots = self._batch.layout, self._batch.robots

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robosim.envs.config import EnvConfig
 from robosim.envs.vector import MAX_SEED, VectorEnv
-from robosim.errors import whole_number
+from robosim.errors import InputError, whole_number
 
 _BITS = 63
 """Of a seed that nobody has given."""
@@ -17,6 +20,16 @@ _BITS = 63
 def fresh_seed() -> int:
     """Return a seed from the machine's entropy, for an environment to which nobody has given one."""
     return secrets.randbits(_BITS)
+
+
+def require_fields(fields: Mapping[str, Any], seeded_by: str) -> None:
+    """Raise InputError for a name among the `fields` of a face that is no field of `EnvConfig`.
+
+    A seed is none: faces whose episodes are seeded later, by `seeded_by`, would drop it without a word.
+    """
+    if "seed" in fields:
+        raise InputError(f"seed is not an option of this environment: give it to {seeded_by}.")
+    EnvConfig().require_options(fields)
 
 
 class EpisodeSeed:

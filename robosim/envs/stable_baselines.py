@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from robosim.arena.model import Arena
 from robosim.envs.config import EnvConfig
 from robosim.envs.render import Painter, checked_render_mode
-from robosim.envs.seeding import fresh_seed
+from robosim.envs.seeding import fresh_seed, require_fields
 from robosim.envs.spaces import robot_spaces
 from robosim.envs.vector import actions_in_rows
 from robosim.envs.workers import WorkerVectorEnv, vector_env
@@ -44,6 +44,7 @@ class ExcavationVecEnv(VecEnv):
         **fields: Any,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode, {"render_modes": ["rgb_array"]})
+        require_fields(fields, seeded_by="seed(...), or to the algorithm")
         self._batch = vector_env(arena, num_envs=num_envs, workers=workers, **fields)
         self._painter = Painter(self._batch.arena)
         self._actions = np.zeros((self._batch.num_envs, self._batch.robots), dtype=np.int64)

@@ -115,6 +115,8 @@ def test_without_a_seed_episodes_differ_and_go_on():
     assert seeds[0] != seeds[1]
     again = ExcavationVectorEnv(num_envs=2, **SHORT)
     assert np.array_equal(again.reset(seed=seeds.tolist())[0], first)
+    # Small and large ones together, too, which numpy by itself would make floats of.
+    assert again.reset(seed=[5, 2**64 - 1])[1]["seed"].tolist() == [5, 2**64 - 1]
 
 
 def test_a_reset_where_the_next_episode_is_due_begins_that_one():

@@ -1,9 +1,17 @@
 """Faces with one environment draw fresh entropy when nobody seeds them, and say what they drew."""
 
+from collections.abc import Callable
+from typing import Any
+
 import gymnasium
 import numpy as np
+import pytest
 
 import robosim
+from robosim.envs.gym_env import ExcavationEnv
+from robosim.envs.gym_vector import ExcavationVectorEnv
+from robosim.envs.stable_baselines import ExcavationVecEnv
+from robosim.errors import InputError
 
 
 def test_copies_that_nobody_seeds_differ_and_can_be_repeated() -> None:
@@ -37,3 +45,21 @@ def test_without_a_seed_the_next_episode_of_the_one_before_begins() -> None:
     other.reset(seed=7)
     assert np.array_equal(second["robot_0"], other.reset()[0]["robot_0"])
     assert infos["robot_0"]["seed"] == 7
+
+
+FACES = {
+    ExcavationEnv: "reset(seed=...)",
+    robosim.parallel_env: "reset(seed=...)",
+    ExcavationVectorEnv: "reset(seed=...)",
+    ExcavationVecEnv: "seed(...), or to the algorithm",
+}
+
+
+@pytest.mark.parametrize("face", FACES)
+def test_a_seed_where_none_is_taken_is_refused_and_not_dropped(face: Callable[..., Any]) -> None:
+    with pytest.raises(InputError) as refused:
+        face("paper", seed=3)
+    assert str(refused.value) == f"seed is not an option of this environment: give it to {FACES[face]}."
+    # What a batch of its own takes besides, and a face decides.
+    with pytest.raises(InputError, match='^"autoreset" is not an option: '):
+        face("paper", autoreset=False)

@@ -14,7 +14,7 @@ from torchrl.envs import EnvBase
 
 from robosim.arena.model import Arena
 from robosim.envs.config import EnvConfig
-from robosim.envs.seeding import fresh_seed
+from robosim.envs.seeding import fresh_seed, require_fields
 from robosim.envs.workers import WorkerVectorEnv, vector_env
 from robosim.errors import InputError
 
@@ -42,6 +42,7 @@ class ExcavationTorchEnv(EnvBase):  # type: ignore[misc]  # torchrl ships no typ
         device: torch.device | str = "cpu",
         **fields: Any,
     ) -> None:
+        require_fields(fields, seeded_by="set_seed(...)")
         self._batch = vector_env(arena, num_envs=num_envs, workers=workers, autoreset=False, **fields)
         super().__init__(device=device, batch_size=torch.Size((num_envs,)))
         batch = self._batch

@@ -86,3 +86,5 @@ def test_seeds_repeat_and_fresh_ones_differ_and_wrong_use_is_a_sentence():
     some["_reset"] = torch.tensor([[True], [False]])
     with pytest.raises(InputError, match="reset leaves environments out, but all must begin"):
         first.reset(some)
+    with pytest.raises(InputError, match=r"^seed is not an option .* give it to set_seed\(\.\.\.\)\.$"):
+        ExcavationTorchEnv("paper", seed=3)
