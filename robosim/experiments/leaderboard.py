@@ -34,7 +34,8 @@ class Entry:
     kind: Kind
     """Trained with several seeds; a script, which does not learn; or one finished team."""
     source: str
-    """`robosim`, or the name of the file or folder that the entry was read from."""
+    """`robosim`, or the name of the file or folder that the entry was read from; its path where names are
+    alike."""
     seeds: int
     """Of its trainings; of a script, of its evaluations."""
     episodes: int
@@ -81,7 +82,7 @@ def leaderboard(
     """
     own = read_runs(records)
     shipped = {name: run for name, card in policies.items() if (run := shipped_run(name, card))}
-    sources = {OURS: own, **{path.name: read_runs([path]) for path in others}}
+    sources = {OURS: own, **{name: read_runs([path]) for name, path in _named_paths(list(others)).items()}}
     require_same_tasks([*shipped.values(), *(run for runs in sources.values() for run in runs)])
     entries, few = [], 0
     for source, runs in sources.items():
@@ -93,6 +94,14 @@ def leaderboard(
         [f"{few} runs are left out: of their systems there are fewer than {LEAST_RUNS} seeds."] if few else []
     )
     return Leaderboard(_ranked(entries, _reference(policies, shipped)), notes)
+
+
+def _named_paths(paths: Sequence[Path]) -> dict[str, Path]:
+    """Return paths by their names, with the folders before those that another one has, or robosim itself."""
+    names = [OURS, *(path.name for path in paths)]
+    return {
+        path.name if names.count(path.name) == 1 else f"{path.parent}/{path.name}": path for path in paths
+    }
 
 
 def _systems(runs: Sequence[Run]) -> list[list[Run]]:

@@ -73,6 +73,17 @@ def test_those_of_others_are_ranked_among_ours_and_one_team_stands_beside(record
     assert board.entries[0].pellets == estimate(mean, np.array([60.0, 66.0, 63.0]))
 
 
+def test_records_of_one_name_in_two_folders_both_count(records, tmp_path):
+    paths = [tmp_path / name for name in ("one/theirs.jsonl", "other/theirs.jsonl", "robosim")]
+    for number, path in enumerate(paths):
+        path.parent.mkdir(exist_ok=True)
+        for seed in range(3):
+            result(path, "pqn", seed, [50 + number, 50 + number], steps=400)
+    found = [entry for entry in leaderboard([records], {}, paths).entries if entry.method == "pqn"]
+    assert [entry.source for entry in found] == [str(path) for path in reversed(paths)]
+    assert len(rows(leaderboard([records], {}, paths))) == 5
+
+
 def test_a_policy_that_ships_stands_beside_with_the_share_on_its_card():
     card = read_card(find_policy("paper-4") / CARD_FILE)
     (entry,) = leaderboard([], {"paper-4": card, "none": card.changed(evaluation=None)}).entries
