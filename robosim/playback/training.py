@@ -11,7 +11,7 @@ from typing import Protocol
 
 from robosim.arena.model import Arena
 from robosim.episodes.frame import Frame
-from robosim.errors import InputError
+from robosim.errors import IncompleteError, InputError
 from robosim.playback.recorder import Recorder, recording
 
 
@@ -69,13 +69,13 @@ class LiveTraining:
     def __call__(self, env: Watched, step: int, row: Row | None) -> None:
         """Take in what a decision has led to; `step` counts joint decisions of the whole run.
 
-        A recording that fails ends, and the training goes on.
+        A recording that fails ends, also for want of its viewer, and the training goes on.
         """
         if self._failed:
             return
         try:
             self._take(env, step, row)
-        except (OSError, InputError) as error:
+        except (OSError, InputError, IncompleteError) as error:
             self._failed = True
             reason = error.strerror if isinstance(error, OSError) else str(error).rstrip(".")
             self._say(f"{self._path}: the recording has ended ({reason}); the training goes on.")

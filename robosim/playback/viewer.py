@@ -78,8 +78,7 @@ def show(recording: Path, *, web: bool, port: int | None, say: Say) -> None:
                 say("Ctrl-C ends it")
                 _wait(viewer)
         else:
-            arguments = ["--bind", HOST, "--port", str(_free_port()), "--hide-welcome-screen"]
-            with _running([*arguments, str(recording.resolve())]) as viewer:
+            with _running([*_window_at(*_free_ports(1)), str(recording.resolve())]) as viewer:
                 _wait(viewer)
 
 
@@ -90,7 +89,7 @@ def free_ports(port: int | None) -> Ports:
         return Ports(wanted, wanted + 1)
     if port is not None:
         raise InputError(f"--port is {port}, but it or the next, which is needed too, is taken.")
-    return Ports(_free_port(), _free_port())
+    return Ports(*_free_ports(2))
 
 
 @contextlib.contextmanager
@@ -112,9 +111,13 @@ def live_viewer(say: Say, *, lingers: bool) -> Iterator[str]:
     told the address; with `lingers` it is served after the block, too, until Ctrl-C or SIGTERM.
     """
     if has_display():
-        port = _free_port()
-        viewer = start(["--bind", HOST, "--port", str(port), "--hide-welcome-screen"], stays=True)
-        wait_until_listening(viewer, port)
+        (port,) = _free_ports(1)
+        window = start(_window_at(port), stays=True)
+        try:
+            wait_until_listening(window, port)
+        except BaseException:
+            _end(window)
+            raise
         yield _proxy(port)
         return
     say("there is no display for the viewer's window: a browser can show it instead")
@@ -129,6 +132,10 @@ def live_viewer(say: Say, *, lingers: bool) -> Iterator[str]:
             say("Ctrl-C ends the viewer")
             with contextlib.suppress(KeyboardInterrupt):
                 _wait(viewer)
+
+
+def _window_at(port: int) -> list[str]:
+    return ["--bind", HOST, "--port", str(port), "--hide-welcome-screen"]
 
 
 def _proxy(port: int) -> str:
@@ -148,8 +155,12 @@ def _running(arguments: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
     try:
         yield viewer
     finally:
-        viewer.terminate()
-        viewer.wait()
+        _end(viewer)
+
+
+def _end(viewer: subprocess.Popen[bytes]) -> None:
+    viewer.terminate()
+    viewer.wait()
 
 
 def start(arguments: Sequence[str], *, stays: bool = False) -> subprocess.Popen[bytes]:
@@ -187,10 +198,13 @@ def _is_free(port: int) -> bool:
         return probe.connect_ex((HOST, port)) != 0
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((HOST, 0))
-        return int(probe.getsockname()[1])
+def _free_ports(count: int) -> list[int]:
+    with contextlib.ExitStack() as held:
+        # All of them at once, or the second might be the first again.
+        probes = [held.enter_context(socket.socket()) for _ in range(count)]
+        for probe in probes:
+            probe.bind((HOST, 0))
+        return [int(probe.getsockname()[1]) for probe in probes]
 
 
 @contextlib.contextmanager

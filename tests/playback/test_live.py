@@ -1,12 +1,15 @@
 """Recordings that may be watched while they are made."""
 
+import signal
+
 import pytest
 
 from robosim.envs.vector import VectorEnv
+from robosim.errors import IncompleteError
 from robosim.playback import viewer
 from robosim.playback.live import live_recording
 from robosim.playback.recorder import recording
-from robosim.playback.viewer import free_ports, served
+from robosim.playback.viewer import free_ports, live_viewer, served
 from tests.playback.reading import Reading
 
 
@@ -51,3 +54,24 @@ def test_a_viewer_that_is_closed_meanwhile_costs_nothing_of_the_recording(tmp_pa
     rows = Reading(tmp_path / "run.rrd").rows
     assert rows["/plots/tunnel_density"]["step"].max() == 30
     assert [path.name for path in tmp_path.iterdir()] == ["run.rrd"]
+
+
+def test_a_window_that_takes_no_recording_is_not_left_open(tmp_path, monkeypatch):
+    program, start, started = tmp_path / "viewer", viewer.start, []
+    program.write_text("#!/bin/sh\nexec sleep 60\n")
+    program.chmod(0o755)
+
+    def noted(*args, **options):
+        started.append(start(*args, **options))
+        return started[-1]
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(viewer, "viewer_program", lambda: program)
+    monkeypatch.setattr(viewer, "start", noted)
+    monkeypatch.setattr(viewer, "_PATIENCE", 0.2)
+    with (
+        pytest.raises(IncompleteError, match="the viewer does not listen at port"),
+        live_viewer(print, lingers=False),
+    ):
+        pass
+    assert [process.returncode for process in started] == [-signal.SIGTERM]

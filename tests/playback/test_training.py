@@ -1,6 +1,6 @@
 """A training that is watched: the same bits as without, and what it was in a recording."""
 
-from contextlib import closing, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ import pytest
 from robosim.cli.main import main
 from robosim.control.policy import load_policy
 from robosim.envs.vector import VectorEnv
+from robosim.errors import IncompleteError
 from robosim.learning.config import run_config
 from robosim.learning.metrics import read_metrics
 from robosim.learning.trainer import resume, train
@@ -117,6 +118,21 @@ def test_a_recording_that_fails_does_not_end_the_training(tmp_path):
     assert learn(tmp_path / "run", watch).steps == 1000
     watch.close()
     assert said == [f"{taken}: the recording has ended (File exists); the training goes on."]
+
+
+@contextmanager
+def no_viewer():
+    raise IncompleteError("the viewer has failed (exit code 3); what it said is above.")
+    yield ""
+
+
+def test_a_viewer_that_does_not_open_does_not_end_the_training(tmp_path):
+    said = []
+    watch = LiveTraining(tmp_path / "recordings", {}, no_viewer(), said.append)
+    assert learn(tmp_path / "run", watch).steps == 1000
+    watch.close()
+    why = "the viewer has failed (exit code 3); what it said is above"
+    assert said == [f"{tmp_path / 'recordings'}: the recording has ended ({why}); the training goes on."]
 
 
 def test_teams_that_vary_are_not_watched(tmp_path, capsys):
