@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from robosim.discretise.observation import MoveGains, blocked_moves
-from robosim.errors import InputError, shown
+from robosim.errors import InputError, shown, whole_number
 from robosim.records import Many, Record
 from robosim.robot.drivers import FEWEST_ACTIONS
 
@@ -19,6 +19,7 @@ LEAST_SQUARE = 1e-5
 """Added to the mean square, or to the variance, by which hidden layers are normalised."""
 Activation = Literal["relu", "tanh"]
 Normalisation = Literal["none", "rms", "layer"]
+MOST_DECISIONS = 2**64 - 1
 MOST_OUTPUTS = 1_000_000
 """Of a network that chooses for all robots: five actions of eight robots have 390,625 combinations."""
 
@@ -208,7 +209,7 @@ class Networks:
 
         The one of the largest output; the lowest index among equals. With a temperature, one that is drawn:
         which, depends on the number of the `decision` since the episode began, besides the observation.
-        InputError where that number is needed and missing.
+        InputError where that number is needed, and missing or none that counts decisions.
         """
         values = self.outputs(observation)
         if self.spec.temperature is not None:
@@ -217,7 +218,8 @@ class Networks:
                     "decision is missing, but must be the number of the decision in the episode: "
                     "these networks draw their actions."
                 )
-            return drawn_actions(values, self.spec.temperature, draws(decision, values.shape[:-1]))
+            number = whole_number("decision", decision, 0, MOST_DECISIONS)
+            return drawn_actions(values, self.spec.temperature, draws(number, values.shape[:-1]))
         chosen: NDArray[np.int64] = values.argmax(axis=-1)
         if not self.spec.joint:
             return chosen

@@ -83,7 +83,8 @@ class Policy:
             inputs = np.asarray(observation, np.float32)
         except (TypeError, ValueError) as error:
             raise InputError(f"observation is not an array of numbers: {error}.") from None
-        robots = inputs.shape[-2] if self.card.network.shared and inputs.ndim > 1 else self.robots
+        any_team = self.card.network.shared and inputs.ndim > 1
+        robots = (any_team and inputs.shape[-2]) or self.robots
         if inputs.shape[-2:] != (robots, size):
             raise InputError(
                 f"observation has shape {inputs.shape}: its last two axes must be robots and size, "
@@ -158,8 +159,7 @@ def save_policy(folder: Path, weights: Weights, card: PolicyCard) -> None:
     """Write a policy folder, whole or not at all; a policy that is there already is replaced, with its page.
 
     `weights` are of the shapes and the precision that `card.network` states; the card is told their SHA-256.
-    InputError if they do not fit
-    the card, or if `folder` holds anything but a policy.
+    InputError if they do not fit the card, or if `folder` holds anything but a policy.
     """
     check_weights(card.network, weights, "weights")
     stored = safetensors.numpy.save({name: np.ascontiguousarray(array) for name, array in weights.items()})

@@ -363,3 +363,6 @@ def test_a_low_temperature_chooses_the_best_and_any_needs_the_number_of_the_deci
         "decision is missing, but must be the number of the decision in the episode: "
         "these networks draw their actions."
     )
+    for decision in (1.5, -1, 2**64, "x", True):
+        with pytest.raises(InputError, match="^decision is .*, but must be a whole number from 0 to"):
+            warm.act(observation, decision)

@@ -126,8 +126,9 @@ def test_one_network_for_all_drives_a_team_of_any_size(tmp_path, card_of, weight
         for place in np.ndindex(actions.shape):
             _, values = slow_action(weights, card, 0, observation[place])
             np.testing.assert_allclose(policy.values(observation)[place], values, rtol=2e-3, atol=2e-3)
-    with pytest.raises(InputError, match=r"observation has shape \(7,\)"):
-        policy.act(np.zeros(7))
+    for shape in ((7,), (2, 0, 7)):
+        with pytest.raises(InputError, match=r"^observation has shape \(.*7.*\): its last two axes must be"):
+            policy.act(np.zeros(shape))
 
 
 def test_blocked_moves_are_worth_nothing_and_not_taken(card_of, weights_of):
