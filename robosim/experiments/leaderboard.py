@@ -11,8 +11,9 @@ from typing import Any, Literal
 import numpy as np
 
 import robosim
-from robosim.control.card import PolicyCard
+from robosim.control.card import MOST, PolicyCard
 from robosim.control.controller import SCRIPTED
+from robosim.errors import whole_number
 from robosim.experiments.comparison import REFERENCE
 from robosim.experiments.runs import PELLETS, Run, Task, read_runs, require_same_tasks, shipped_run
 from robosim.experiments.statistics import LEAST_RUNS, Estimate, estimate, interquartile_mean, mean
@@ -152,7 +153,7 @@ def _entry(method: str, runs: Sequence[Run], source: str) -> Entry:
         source=source,
         seeds=len(runs),
         episodes=sum(len(run.figures[PELLETS]) for run in runs),
-        steps=None if scripted or steps is None else int(steps),
+        steps=None if scripted or steps is None else whole_number(f"{first.source}: steps", steps, 0, MOST),
         pellets=estimate(mean, per_episode) if alone else estimate(interquartile_mean, np.array(scores)),
         share=None,
     )

@@ -84,6 +84,16 @@ def test_records_of_one_name_in_two_folders_both_count(records, tmp_path):
     assert len(rows(leaderboard([records], {}, paths))) == 5
 
 
+def test_a_training_of_a_strange_length_is_a_sentence(records, tmp_path):
+    theirs = tmp_path / "theirs.jsonl"
+    result(theirs, "pqn", 0, [5, 7], steps=400)
+    theirs.write_text(theirs.read_text().replace('"steps":400', '"steps":"many"'))
+    with pytest.raises(
+        InputError, match=r'theirs\.jsonl .*: steps is "many", but must be a whole number from'
+    ):
+        leaderboard([records], {}, [theirs])
+
+
 def test_a_policy_that_ships_stands_beside_with_the_share_on_its_card():
     card = read_card(find_policy("paper-4") / CARD_FILE)
     (entry,) = leaderboard([], {"paper-4": card, "none": card.changed(evaluation=None)}).entries
