@@ -102,7 +102,7 @@ class Sweep:
 
     def _show(self, plan: sweep.Sweep, results: dict[str, Result]) -> None:
         """Print each run with what is to be done about it, how many there are, and how long they take."""
-        from robosim.experiments.estimate import Estimate
+        from robosim.experiments.forecast import Forecast
         from robosim.learning.progress import clock
 
         counts: Counter[str] = Counter()
@@ -116,7 +116,7 @@ class Sweep:
         print(", ".join(f"{counts[state]} {state}" for state in ("done", "to do", "skipped")))
         done = [results[job.key] for job in plan.jobs if job.key in results]
         waiting = [job.config for job in plan.jobs if job.key not in results]
-        seconds = Estimate(done).left(waiting, [], self._local_workers)
+        seconds = Forecast(done).left(waiting, [], self._local_workers)
         if seconds is None:
             print("no run is done yet that would tell how long the rest takes")
         elif waiting:

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
-from robosim.experiments.estimate import Estimate, Running
+from robosim.experiments.forecast import Forecast, Running
 from robosim.experiments.jobs import Failure, Job
 from robosim.experiments.results import Result
 from robosim.experiments.runner import Watch
@@ -40,7 +40,7 @@ class Display(Watch):
         self._total = len(self._waiting)
         self._running: dict[str, _AtWork] = {}
         self._jobs = dict(self._waiting)
-        self._estimate = Estimate()
+        self._forecast = Forecast()
         self._workers = 1
         self._failed = 0
         self._bars: Progress | None = None
@@ -68,7 +68,7 @@ class Display(Watch):
     def known(self, results: Sequence[Result]) -> None:
         for result in results:
             self._waiting.pop(result.key, None)
-            self._estimate.add(result)
+            self._forecast.add(result)
         if results:
             self._line(f"{len(results)} of {self._total} runs were done before")
         self._refresh()
@@ -105,7 +105,7 @@ class Display(Watch):
             self._failed += 1
             what = f"failed: {outcome.reason.strip().splitlines()[-1]}"
         else:
-            self._estimate.add(outcome)
+            self._forecast.add(outcome)
             what = _figures(outcome)
         line = f"{self._done}/{self._total}  {self._label(job)}  {what}"
         self._line(line if self._bars is not None else f"{line}  left {self._left()}")
@@ -121,7 +121,7 @@ class Display(Watch):
             Running(self._jobs[key].config, now - one.since, one.before, one.done)
             for key, one in self._running.items()
         ]
-        seconds = self._estimate.left(
+        seconds = self._forecast.left(
             [job.config for job in self._waiting.values()], running, max(self._workers, len(running))
         )
         return "not known yet" if seconds is None else clock(seconds)

@@ -24,7 +24,7 @@ class Running(NamedTuple):
     """Share that is done now."""
 
 
-class Estimate:
+class Forecast:
     """Expects of a job what those before it took that are most like it: same team, else same technique ..."""
 
     def __init__(self, results: Iterable[Result] = ()) -> None:
