@@ -46,9 +46,13 @@ def nearest_names(name: str, known: Iterable[str]) -> str:
 
 def printable(text: str, most: int = 80) -> str:
     """Return a text in one line of at most `most` characters, with marks for those that do not print."""
-    cut = text[: most + 1].replace("\n", " ").replace("\t", " ")
-    line = "".join(character if character.isprintable() else "?" for character in cut)
+    line = without_controls(text[: most + 1].replace("\n", " ").replace("\t", " "))
     return line if len(text) <= most else line[: most - 4] + " ..."
+
+
+def without_controls(text: str) -> str:
+    """Return a text that cannot steer a terminal: with marks for characters that do not print."""
+    return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def shown(value: object) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robosim.control.policy import CLIP_FILE, README_FILE
-from robosim.errors import InputError
+from robosim.errors import InputError, without_controls
 
 if TYPE_CHECKING:
     from robosim.control.card import PolicyCard
@@ -27,12 +27,7 @@ _QUALITY = 40
 def readme_text(name: str, card: PolicyCard, facts: Sequence[tuple[str, str]], with_clip: bool) -> str:
     """Return the page of a policy: `facts` are what `robosim policy show` says of it, line by line."""
     robots = f"{card.robots} robot" + ("" if card.robots == 1 else "s")
-    rows, what = [], ""
-    for label, text in facts:
-        # A line without a label goes on with the one before.
-        what = label.strip() or what
-        if text:
-            rows.append(f"| {what if label.strip() else ''} | {_cell(text)} |")
+    rows = [f"| {label.strip()} | {_cell(text)} |" for label, text in facts if text]
     lines = [
         "---",
         "library_name: robosim",
@@ -105,7 +100,7 @@ def write_readme(name: str, folder: Path, policy: Policy, clip: bool) -> None:
 
 def _cell(text: str) -> str:
     """Return a text of a card for a Markdown table: it steers neither table nor terminal, and is no HTML."""
-    plain = "".join(character if character.isprintable() else "?" for character in text)
+    plain = without_controls(text)
     for character in "\\|<>`*_[]":
         plain = plain.replace(character, f"\\{character}")
     return plain

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from robosim.cli.tables import markdown
+
 if TYPE_CHECKING:
     from robosim.control.card import Evaluation, PolicyCard, StageCard
     from robosim.control.network import NetworkSpec
@@ -33,8 +35,7 @@ class List:
         if not rows:
             print("No policies ship with this robosim.")
         elif self.markdown:
-            for cells in (_COLUMNS, ("---",) * len(_COLUMNS), *rows):
-                print(f"| {' | '.join(cells)} |")
+            print("\n".join(markdown([_COLUMNS, *rows])))
         else:
             _print_table(rows)
 
@@ -52,7 +53,7 @@ class Show:
         from robosim.control.card import card_text
         from robosim.control.controller import SCRIPTED
         from robosim.control.policy import find_policy, read_policy
-        from robosim.errors import InputError
+        from robosim.errors import InputError, without_controls
 
         if self.policy in SCRIPTED:
             raise InputError(f"{self.policy!r} is a scripted controller: it has no card.")
@@ -62,7 +63,8 @@ class Show:
             print(card_text(card), end="")
             return
         for what, text in facts_of(self.policy, card, folder):
-            print(f"{what:<14}{_printable(text)}".rstrip())
+            # A card may come from a stranger.
+            print(f"{what:<14}{without_controls(text)}".rstrip())
 
 
 @dataclass(frozen=True)
@@ -105,12 +107,12 @@ _LENGTH = 5000
 """Decisions in the episodes that the table is about."""
 _COLUMNS = ("name", "arena", "robots", "technique", f"pellets in {_LENGTH} decisions", "of lanes", "size")
 _WIDTH_PIPED = 220
+"""Wider than the table, so that nothing that is piped is wrapped."""
 _NORMALISED = {
     "none": (),
     "rms": ("layers over their root mean square",),
     "layer": ("layers of mean 0 and variance 1",),
 }
-"""Wider than the table, so that nothing that is piped is wrapped."""
 
 
 def _row(name: str, card: PolicyCard, folder: Path) -> tuple[str, ...]:
@@ -254,8 +256,3 @@ def _size(folder: Path) -> str:
     from robosim.control.policy import folder_size
 
     return f"{folder_size(folder) / 1e6:.2f} MB"
-
-
-def _printable(text: str) -> str:
-    """Return a text that cannot steer a terminal: a card may come from a stranger."""
-    return "".join(character if character.isprintable() else "?" for character in text)
