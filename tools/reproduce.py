@@ -157,10 +157,6 @@ def run(names: Sequence[str], extra: Sequence[str]) -> int:
     return worst
 
 
-def plan(names: Sequence[str]) -> int:
-    return run(names, ["--dry-run"])
-
-
 def write() -> None:
     """Write the page and its figures."""
     lines = [INTRODUCTION, INTERVALS, *reading()]
@@ -288,10 +284,8 @@ def main() -> int:
         extra += ["--workers", str(options.workers)]
     if options.quick:
         return quick()
-    if options.what == "plan":
-        return plan(options.names)
-    if options.what == "run":
-        return run(options.names, [*extra, "--no-keep-runs"])
+    if options.what in {"plan", "run"}:
+        return run(options.names, [*extra, "--dry-run" if options.what == "plan" else "--no-keep-runs"])
     if options.what in {"write", "pictures"}:
         (write if options.what == "write" else pictures)()
         return 0
