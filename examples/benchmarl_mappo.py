@@ -15,7 +15,7 @@ from robosim.learning.faces.benchmarl import ExcavationTask
 
 
 def experiment(robots: int, frames: int, envs: int, episode_steps: int, seed: int, out: Path) -> Experiment:
-    """Return an experiment of `frames` decisions, evaluated at its beginning and its end."""
+    """Return an experiment of `frames` decisions, evaluated after every round of collecting and learning."""
     config = ExperimentConfig.get_from_yaml()
     config.loggers, config.save_folder = ["csv"], str(out)
     config.max_n_iters, config.max_n_frames = None, frames

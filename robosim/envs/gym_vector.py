@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from robosim.arena.model import Arena
 from robosim.control.controller import Controller
-from robosim.envs.config import EnvConfig
+from robosim.envs.config import EnvConfig, env_config
 from robosim.envs.gym_env import driver_of
 from robosim.envs.render import Painter, checked_render_mode
 from robosim.envs.seeding import fresh_seed, require_fields
@@ -211,7 +211,7 @@ def _batch(
             )
         own = {} if isinstance(arena, EnvConfig) else {"reward": "local"}
         return VectorEnv(arena, num_envs=rows, **{**own, **fields})
-    robots = VectorEnv(arena, **fields).robots
+    robots = env_config(arena, **fields)[0].robots
     if rows % robots:
         raise refused(
             "num_envs", rows, f"a multiple of robots, {robots}: the rows are the robots of whole teams"
