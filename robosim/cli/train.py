@@ -231,9 +231,9 @@ def _run_folder(config: RunConfig) -> Path:
 def _value_of(flag: str, arguments: Sequence[str]) -> str | None:
     """Return what a command line gives an option, if it does; the last one counts."""
     value = None
-    for argument, following in zip(arguments, [*arguments[1:], None], strict=True):
-        if argument == flag and following is not None:
-            value = following
+    for place, argument in enumerate(arguments):
+        if argument == flag and place + 1 < len(arguments):
+            value = arguments[place + 1]
         elif argument.startswith(f"{flag}="):
             value = argument.partition("=")[2]
     return value

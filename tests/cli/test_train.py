@@ -3,9 +3,10 @@ import signal
 import pytest
 from rerun.chunk import RrdReader
 
-from robosim.cli.main import main
+from robosim.cli.main import main, parse
 from robosim.cli.program import hint
 from robosim.envs.variety import VarietyConfig
+from robosim.errors import InputError
 from robosim.learning.config import read_config
 from robosim.learning.training import Training
 
@@ -27,6 +28,14 @@ def test_a_run_records_playbacks_while_it_learns(tmp_path, capsys):
         entities = {str(chunk.entity_path) for chunk in RrdReader(str(path)).stream()}
         named = {entity.split("/robots/")[1].split("/")[0] for entity in entities if "/robots/" in entity}
         assert len(named) == robots, sorted(entities)
+
+
+def test_without_options_it_is_the_default_technique():
+    command = parse(["train"])
+    assert (command.technique, command.env_options.robots) == ("ps-dqn", 2)
+    # An option whose value has been forgotten at the end is the parser's to complain of.
+    with pytest.raises(InputError, match="Missing value for argument '--technique'"):
+        parse(["train", "--technique"])
 
 
 def test_resume_takes_no_other_options_and_needs_a_run(tmp_path, capsys):
