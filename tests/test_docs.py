@@ -1,12 +1,14 @@
 """Pages: Python for newcomers runs, links and anchors lead somewhere, the site knows every page."""
 
 import re
+import shlex
 import tomllib
 from pathlib import Path
 
 import pytest
 
 import robosim
+from robosim.cli.main import parse
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -67,3 +69,18 @@ def test_each_python_that_is_claimed_is_in_the_matrix() -> None:
     claimed = re.findall(r"Python :: (3\.\d+)", " ".join(project["classifiers"]))
     workflow = (ROOT / ".github" / "workflows" / "tests.yml").read_text(encoding="utf-8")
     assert f"python: {claimed}".replace("'", '"') in workflow
+
+
+@pytest.mark.slow
+def test_the_command_line_understands_every_command_of_the_pages() -> None:
+    understood = 0
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        for line in re.findall(r"^    (robosim .*)$", text, flags=re.MULTILINE):
+            # What a comment says, and what a list says behind wide gaps.
+            command = re.split(r"\s#|\s{5,}", line)[0]
+            # Without those that have a variable of the shell, leave something open, or only print.
+            if not re.search(r"\$|\.\.\.| [A-Z]+\b|--version|--tyro", command):
+                parse(shlex.split(command)[1:])
+                understood += 1
+    assert understood > 100
