@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -48,7 +49,7 @@ _OUTLINE_WIDTH = 0.09
 
 
 class Painter:
-    """Draws frames of one arena; the empty arena is drawn once and kept.
+    """Draws frames of one arena; the empty arena is drawn once, for the first picture, and kept.
 
     Pictures are about `long_side` pixels long, and of even size, as films must be.
     """
@@ -58,7 +59,11 @@ class Painter:
         self._cell_pixels = max(4, 2 * round(0.5 * long_side / max(arena.rows, arena.columns)))
         self._scale = self._cell_pixels / arena.cell_size
         """Pixels per metre."""
-        self._background = _empty_arena(arena, self._cell_pixels)
+
+    @cached_property
+    def _background(self) -> _Canvas:
+        # Some megabytes, which an environment that nobody looks at need not hold.
+        return _empty_arena(self._arena, self._cell_pixels)
 
     def draw(self, frame: Frame) -> Pixels:
         """Return the picture [height, width, 3]; north is up.

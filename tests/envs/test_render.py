@@ -1,3 +1,4 @@
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -94,6 +95,15 @@ def test_pheromone_darkens_the_floor_and_leaves_walls_alone(arena: Arena, frame:
     wall = (clean == ZONE_COLOURS[0]).all(axis=2)
     assert np.array_equal(clean[wall], marked[wall])
     assert (marked[~wall].sum(axis=1) < clean[~wall].sum(axis=1)).all()
+
+
+def test_who_draws_nothing_holds_no_picture(arena: Arena) -> None:
+    tracemalloc.start()
+    painters = [Painter(arena) for _ in range(10)]
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(painters) == 10
+    assert held < 100_000
 
 
 def test_drawing_twice_gives_the_same_picture_and_a_robot_at_the_border_none_the_less(
