@@ -71,7 +71,10 @@ def read_results(path: Path) -> dict[str, Result]:
     results: dict[str, Result] = {}
     for number, line in enumerate(lines, 1):
         try:
-            result = _result(**parse_json(line))
+            table = parse_json(line)
+            if not isinstance(table, dict):
+                raise TypeError("it is no table")
+            result = _result(**table)
             results[result.key] = result
         except (TypeError, ValueError, AttributeError, OverflowError) as error:
             if isinstance(error, json.JSONDecodeError) and _is_cut(line):
