@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from robosim.envs.vector import VectorEnv
     from robosim.episodes.frame import Frame
     from robosim.episodes.trajectory import Trajectory
-    from robosim.playback.episode import OnStep, Recorded
+    from robosim.playback.episode import FoundClogs, OnStep, Recorded
 
 _OF_LOGS = {"policy", "save", "steps", "view"}
 """Options that go with a log."""
@@ -271,38 +271,41 @@ class Play:
 
     def _run_clogs(self, again: bool) -> bool:
         """Watch first, then record the clogs; return whether there were any."""
-        from robosim.playback.episode import (
-            decisions_run,
-            record_trajectory,
-            spans_around,
-            watch_episode,
-            watch_trajectory,
-            widened,
-        )
         from robosim.playback.file import require_recording
 
         require_recording(self.recording)
-        if again:
-            trajectory = self._load()
-            about = self._about(trajectory)
-            with _show_progress(len(trajectory.chosen), "watching") as on_step:
-                found = watch_trajectory(trajectory, on_step=on_step, source=self.policy)
-        else:
-            controller, env = self._team()
-            about = self._about()
-            with _show_progress(env.episode_steps, "watching") as on_step:
-                found = watch_episode(controller, env, on_step=on_step)
-            trajectory = env.trajectory(policy=self.policy)
-            self._save_trajectory(trajectory)
-        decisions = len(trajectory.chosen)
-        clogs = found.clogs
-        if not clogs:
+        trajectory, about, found = self._watch(again)
+        if not found.clogs:
+            decisions = len(trajectory.chosen)
             print(f"No clog in {decisions} decisions: nothing to record, {self.save} was not written.")
             return False
+        self._record_clogs(trajectory, about, found)
+        return True
+
+    def _watch(self, again: bool) -> tuple[Trajectory, dict[str, str], FoundClogs]:
+        """Return an episode as it went, what a recording says about it, and its clogs."""
+        from robosim.playback.episode import watch_episode, watch_trajectory
+
+        if again:
+            trajectory = self._load()
+            with _show_progress(len(trajectory.chosen), "watching") as on_step:
+                found = watch_trajectory(trajectory, on_step=on_step, source=self.policy)
+            return trajectory, self._about(trajectory), found
+        controller, env = self._team()
+        with _show_progress(env.episode_steps, "watching") as on_step:
+            found = watch_episode(controller, env, on_step=on_step)
+        trajectory = env.trajectory(policy=self.policy)
+        self._save_trajectory(trajectory)
+        return trajectory, self._about(), found
+
+    def _record_clogs(self, trajectory: Trajectory, about: dict[str, str], found: FoundClogs) -> None:
+        from robosim.playback.episode import decisions_run, record_trajectory, spans_around, widened
+
+        decisions, clogs = len(trajectory.chosen), _number(found.clogs)
         around = AROUND if self.around is None else self.around
-        spans = spans_around(clogs, around, found.arena)
+        spans = spans_around(found.clogs, around, found.arena)
         wanted = decisions_run(spans, decisions, found.arena)
-        about["recorded"] = f"{_number(clogs)}, and {around:g} s before and after each"
+        about = {**about, "recorded": f"{clogs}, and {around:g} s before and after each"}
         with _show_progress(wanted, "recording") as on_step:
             recorded = record_trajectory(
                 trajectory, self.recording, about=about, spans=spans, on_step=on_step, source=self.policy
@@ -310,8 +313,7 @@ class Play:
         kept = sum(end - start for start, end in widened(spans, decisions))
         complete = recorded.decisions == wanted
         what = f"{kept} of {decisions} decisions" if complete else f"up to decision {recorded.decisions}"
-        self._say_done(f"{_number(clogs)}, {what}", complete)
-        return True
+        self._say_done(f"{clogs}, {what}", complete)
 
     def _team(self) -> tuple[Controller, VectorEnv]:
         from robosim.control.controller import make_controller
