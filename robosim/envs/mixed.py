@@ -12,7 +12,15 @@ from robosim.arena import load_arena
 from robosim.arena.random import random_arena
 from robosim.envs.config import EnvConfig, env_config
 from robosim.envs.variety import VarietyConfig, require_alike
-from robosim.envs.vector import MAX_ENVS, Snapshot, Transition, VectorEnv, checked_actions, env_seeds
+from robosim.envs.vector import (
+    MAX_ENVS,
+    Snapshot,
+    Transition,
+    VectorEnv,
+    checked_actions,
+    env_seeds,
+    require_snapshot,
+)
 from robosim.errors import InputError, whole_number
 
 _OF_ENVS = ("terminated", "truncated")
@@ -100,6 +108,7 @@ class MixedVectorEnv:
 
         Raises InputError for a snapshot of another batch: the seeds say how many robots are where.
         """
+        require_snapshot(snapshot)
         snapshot.require_size(self.num_envs, 1)
         if tuple(snapshot.seeds) != tuple(self.seeds):
             raise InputError(

@@ -167,6 +167,8 @@ def test_what_does_not_fit_is_one_sentence(tmp_path: Any) -> None:
     for seeds in ((1, 2, 3), tuple(seed + 1 for seed in env.seeds)):
         with pytest.raises(InputError, match="snapshot: it is of other seeds than this batch, and seeds say"):
             env.restore(Snapshot(seeds, 0, nothing))
+    with pytest.raises(InputError, match="^snapshot is 3, but must be what `snapshot` returned"):
+        env.restore(3)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("share", "random"), [(0.0, 0), (0.01, 1), (0.5, 4), (0.99, 7), (1.0, 8)])
