@@ -7,6 +7,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robosim.cli.card_facts import facts_of
 from robosim.control.policy import CLIP_FILE, README_FILE
 from robosim.errors import InputError, without_controls
 
@@ -87,7 +88,6 @@ def clip_bytes(name: str, policy: Policy) -> bytes:
 
 def write_readme(name: str, folder: Path, policy: Policy, clip: bool) -> None:
     """Write the page into a policy's folder, and the clip that it shows; errors as of `clip_bytes`."""
-    from robosim.cli.policy import facts_of
     from robosim.files import write_whole
 
     if clip:

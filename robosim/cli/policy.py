@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from robosim.cli.card_facts import facts_of, size, spread
 from robosim.cli.tables import markdown
 
 if TYPE_CHECKING:
-    from robosim.control.card import Evaluation, PolicyCard, StageCard
-    from robosim.control.network import NetworkSpec
+    from robosim.control.card import PolicyCard
 
 
 @dataclass(frozen=True)
@@ -108,18 +107,13 @@ _LENGTH = 5000
 _COLUMNS = ("name", "arena", "robots", "technique", f"pellets in {_LENGTH} decisions", "of lanes", "size")
 _WIDTH_PIPED = 220
 """Wider than the table, so that nothing that is piped is wrapped."""
-_NORMALISED = {
-    "none": (),
-    "rms": ("layers over their root mean square",),
-    "layer": ("layers of mean 0 and variance 1",),
-}
 
 
 def _row(name: str, card: PolicyCard, folder: Path) -> tuple[str, ...]:
     evaluation = card.evaluation
     pellets = "not evaluated"
     if evaluation is not None:
-        pellets = _spread(evaluation)
+        pellets = spread(evaluation)
         if evaluation.episode_steps != _LENGTH:
             pellets += f" in {evaluation.episode_steps}"
     return (
@@ -129,7 +123,7 @@ def _row(name: str, card: PolicyCard, folder: Path) -> tuple[str, ...]:
         card.technique.name,
         pellets,
         "" if card.share is None else f"{100 * card.share:.0f} %",
-        _size(folder),
+        size(folder),
     )
 
 
@@ -142,117 +136,3 @@ def _print_table(rows: list[tuple[str, ...]]) -> None:
         table.add_row(*row)
     width = None if sys.stdout.isatty() else _WIDTH_PIPED
     Console(highlight=False, markup=False, emoji=False, width=width).print(table)
-
-
-def facts_of(name: str, card: PolicyCard, folder: Path) -> list[tuple[str, str]]:
-    """Say in words what the card holds: (what, text) of each line."""
-    quoted = shlex.quote(name)
-    recording = shlex.quote(f"{Path(name).resolve().name}.rrd")
-    evaluation = card.evaluation
-    measure = f"robosim evaluate {quoted}"
-    if evaluation is not None:
-        measure += f" --episodes {evaluation.episodes} --seed {evaluation.seed}"
-        if evaluation.episode_steps != card.arena.timing.episode_steps:
-            measure += f" --steps {evaluation.episode_steps}"
-    return [
-        ("policy", name),
-        ("", f"{card.robots} robots in arena {card.arena.name}, {_size(folder)}"),
-        ("", ""),
-        *_learning(card),
-        ("", ""),
-        *_layout(card),
-        ("", ""),
-        *(_results("evaluation", evaluation) if evaluation else [("evaluation", "none")]),
-        *(_results("reference", card.reference) if card.reference else []),
-        *([("share", f"{100 * card.share:.1f} % of the reference")] if card.share is not None else []),
-        ("fails at", card.notes or "not noted"),
-        ("", ""),
-        ("see it", f"robosim play {quoted} --save {recording}"),
-        ("measure it", measure),
-    ]
-
-
-def _learning(card: PolicyCard) -> list[tuple[str, str]]:
-    training, reward = card.training, card.env.reward
-    facts = ", ".join(f"{what} {fact}" for what, fact in card.technique.facts.items())
-    pays = (
-        f"pickups and deliveries pay {'the whole team' if reward.kind == 'global' else 'the robot itself'}",
-        *(["distance lost costs"] if reward.signed_distance else []),
-        *(["standing costs"] if reward.idle_cost else []),
-    )
-    return [
-        ("technique", card.technique.name + (f": {facts}" if facts else "")),
-        ("reward", ", ".join(pays)),
-        ("command", training.command or "not noted"),
-        ("seed", str(training.seed)),
-        ("learned for", f"{training.steps} joint decisions, {training.wall_time:.0f} s"),
-        *(("" if number else "stages", _stage(stage)) for number, stage in enumerate(training.stages)),
-        ("versions", ", ".join(f"{package} {version}" for package, version in training.versions.items())),
-    ]
-
-
-def _stage(stage: StageCard) -> str:
-    ending = "until steady" if stage.ended == "steady" else "the whole budget"
-    return (
-        f"{stage.name}: {stage.learning} of {stage.robots} robots learned for {stage.steps} joint decisions, "
-        f"{ending}"
-    )
-
-
-def _layout(card: PolicyCard) -> list[tuple[str, str]]:
-    arena, env, period = card.arena, card.env, card.arena.timing.decision_period
-    pheromones = "with" if env.stigmergy else "without"
-    return [
-        ("arena", f"{arena.name}, cells of {arena.cell_size:g} m, text {arena.sha256[:12]}"),
-        ("world", env.world),
-        *([("profile", env.profile.name or "without a name")] if env.profile else []),
-        ("observation", f"{len(card.observation)} numbers, {env.encoding}, {pheromones} pheromones"),
-        ("actions", f"{card.network.actions}, {env.actions}, every {period:g} s"),
-        *_network(card.network),
-    ]
-
-
-def _network(network: NetworkSpec) -> list[tuple[str, str]]:
-    """Say what the networks are: their layers, and what they make of them."""
-    sizes = " x ".join(map(str, (network.inputs, *(outputs for _, outputs in network.layers))))
-    if network.joint:
-        owners = "one for the whole team"
-    elif network.shared:
-        owners = "one that all robots run"
-    elif network.networks == network.robots:
-        owners = "one for each robot"
-    else:
-        owners = f"{network.networks} for {network.robots} robots"
-    seen = "the robot's own observation" if network.input == "own" else "the observations of the team"
-    makes = (
-        f"{network.output} from {seen}",
-        network.activation,
-        *_NORMALISED[network.normalisation],
-        *(["blocked moves are not chosen"] if network.mask else []),
-        *([] if network.temperature is None else [f"actions drawn at temperature {network.temperature:g}"]),
-    )
-    return [("network", f"{sizes}, {owners}, stored as {network.precision}"), ("", ", ".join(makes))]
-
-
-def _results(what: str, evaluation: Evaluation) -> list[tuple[str, str]]:
-    episodes = (
-        f"{evaluation.episodes} episodes of {evaluation.episode_steps} decisions, seed {evaluation.seed}"
-    )
-    return [
-        (what, f"{evaluation.controller} in {evaluation.arena}: {episodes}"),
-        ("  pellets", f"{_spread(evaluation)} per episode"),
-        ("  episodes", "  ".join(map(str, evaluation.totals))),
-        ("  robots", "  ".join(f"{mean:.1f}" for mean in evaluation.per_robot)),
-        *((f"  {group.name}", group.words()) for group in evaluation.by_group),
-        ("  collisions", f"{sum(evaluation.collisions) / evaluation.episodes:.1f} per episode"),
-    ]
-
-
-def _spread(evaluation: Evaluation) -> str:
-    return f"{evaluation.mean:.1f} +- {evaluation.std:.1f}"
-
-
-def _size(folder: Path) -> str:
-    from robosim.control.policy import folder_size
-
-    return f"{folder_size(folder) / 1e6:.2f} MB"

@@ -20,9 +20,9 @@ import safetensors.numpy
 
 import robosim
 from robosim.arena import arena_names, load_arena
+from robosim.cli.card_facts import facts_of
 from robosim.cli.main import main
 from robosim.cli.model_card import MOST_CLIP_BYTES, readme_text
-from robosim.cli.policy import facts_of
 from robosim.control.card import Evaluation
 from robosim.control.controller import SCRIPTED
 from robosim.control.environment import environment_for
