@@ -5,8 +5,17 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
+from PIL import Image
 
-from robosim.analysis.film import Pace, driven, film, film_trajectory
+from robosim.analysis.film import (
+    MOST_PICTURES,
+    Pace,
+    driven,
+    film,
+    film_trajectory,
+    require_film,
+    write_pictures,
+)
 from robosim.arena import load_arena
 from robosim.arena.shipped import shipped_names
 from robosim.control.controller import make_controller
@@ -65,6 +74,31 @@ def test_an_mp4_shows_the_pictures_of_the_decisions_in_time(tmp_path) -> None:
     for one, picture in zip(shown, pictures, strict=True):
         seen = one.to_ndarray(format="rgb24").astype(float)
         assert np.abs(seen - picture).mean() < 6.0
+
+
+@pytest.mark.parametrize(("suffix", "grid"), [(".webp", 1), (".gif", 10)])
+def test_an_animation_is_as_long_as_its_pictures_together(tmp_path, suffix: str, grid: int) -> None:
+    # 75 ms each, which a GIF, in hundredths of a second, cannot say: what is rounded must not add up.
+    pictures = np.random.default_rng(0).integers(0, 256, (40, 16, 16, 3), np.uint8)
+    with (tmp_path / "film").open("wb") as file:
+        write_pictures(file, pictures, Fraction(3, 40), suffix)
+    lasting = []
+    with Image.open(tmp_path / "film") as film_file:
+        assert film_file.n_frames == 40
+        for number in range(40):
+            film_file.seek(number)
+            film_file.load()
+            lasting.append(film_file.info["duration"])
+    assert np.abs(np.cumsum(lasting) - 75.0 * np.arange(1, 41)).max() <= 0.5 * grid
+
+
+def test_an_animation_of_too_many_pictures_is_refused_before_work(tmp_path) -> None:
+    pace, most = Pace.of(load_arena("paper")), MOST_PICTURES - 1
+    require_film(tmp_path / "run.gif", pace.pictures(most))
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match="would hold 1501 pictures, but may hold 1500: take fewer decisions"):
+        require_film(tmp_path / "run.gif", pace.pictures(most + 1))
+    require_film(tmp_path / "run.mp4", pace.pictures(most + 1))
 
 
 def test_a_trajectory_makes_the_film_of_the_episode_that_it_was(tmp_path) -> None:
