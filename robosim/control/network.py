@@ -20,6 +20,7 @@ LEAST_SQUARE = 1e-5
 Activation = Literal["relu", "tanh"]
 Normalisation = Literal["none", "rms", "layer"]
 MOST_DECISIONS = 2**64 - 1
+"""Up to which draws count the decisions of an episode."""
 MOST_OUTPUTS = 1_000_000
 """Of a network that chooses for all robots: five actions of eight robots have 390,625 combinations."""
 

@@ -48,9 +48,10 @@ def vector_env(
 ) -> VectorEnv | WorkerVectorEnv:
     """Return a batch of environments: arrays [envs, robots, ...], each beginning anew by itself at its end.
 
-    `arena` is a configuration or an arena, `fields` replace fields of it, as in `env_config`.
-    With `workers` above 1 the environments are shared out to that many processes, with the same
-    numbers to the bit; use it as a context manager, or call close(). Raises InputError.
+    `arena` is a configuration or an arena, `fields` replace fields of it, as in `env_config`; with
+    `autoreset=False` besides, an episode that has ended stays so until `reset`. With `workers` above 1 the
+    environments are shared out to that many processes, with the same numbers to the bit; use it as a context
+    manager, or call close(). Raises InputError.
     """
     if isinstance(workers, int | np.integer) and workers == 1 and not isinstance(workers, bool):
         return VectorEnv(arena, num_envs=num_envs, seed=seed, **fields)
