@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 from collections import Counter
 from dataclasses import dataclass
@@ -11,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+
+from robosim.cli.program import hint
 
 if TYPE_CHECKING:
     from robosim.experiments import sweep
@@ -76,7 +77,7 @@ class Sweep:
                     plan.jobs, work_off, out.absolute(), results, engine, display, self.keep_runs
                 )
         except KeyboardInterrupt:
-            print(f"Stopped; go on with: {shlex.join(['robosim', *sys.argv[1:]])}")
+            print(f"Stopped; go on with: {hint(*sys.argv[1:])}")
             raise
         done = len(plan.jobs) - len(summary.failures)
         print(f"{_counted(done, 'run')} done, {_skipped(plan)} skipped; results in {results}")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from robosim.cli.main import main
+from robosim.cli.program import hint
 from robosim.experiments.results import read_results
 
 MIXED = """
@@ -136,7 +137,7 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(tmp_path, capsys):
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert err == "robosim: interrupted\n"
-    assert out == "begun: technique=iql\nStopped; go on with: robosim\n"
+    assert out == f"begun: technique=iql\nStopped; go on with: {hint()}\n"
     assert not (tmp_path / "long.results.jsonl").exists()
     (run,) = (tmp_path / "runs").glob("*/work/run")
     assert list((run / "checkpoints").iterdir())
