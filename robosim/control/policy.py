@@ -83,8 +83,10 @@ class Policy:
             inputs = np.asarray(observation, np.float32)
         except (TypeError, ValueError) as error:
             raise InputError(f"observation is not an array of numbers: {error}.") from None
-        any_team = self.card.network.shared and inputs.ndim > 1
-        robots = (any_team and inputs.shape[-2]) or self.robots
+        robots = self.robots
+        if self.card.network.shared and inputs.ndim > 1:
+            # Any number of them, but not none.
+            robots = inputs.shape[-2] or robots
         if inputs.shape[-2:] != (robots, size):
             raise InputError(
                 f"observation has shape {inputs.shape}: its last two axes must be robots and size, "
