@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
+
+from robosim.cli.tables import console, print_json, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,27 +24,28 @@ class List:
 
     png: Path | None = None
     """Also draw them all to one scale into this PNG file."""
+    json: bool = False
+    """Print the list as JSON."""
 
     def run(self) -> None:
-        from rich.table import Table
-
         from robosim.arena import arena_names, load_arena
 
         arenas = [load_arena(name) for name in arena_names()]
         _draw(arenas, self.png)
-        table = Table(
-            "arena", "size, m", "robots", "tunnel, cells", "what it is", box=None, header_style="bold"
-        )
-        for arena in arenas:
-            width, height = arena.size
-            table.add_row(
+        if self.json:
+            print_json([_record(arena) for arena in arenas])
+            return
+        rows = [
+            (
                 arena.name,
-                f"{width:.2f} x {height:.2f}",
+                "{:.2f} x {:.2f}".format(*arena.size),
                 str(arena.capacity),
                 str(arena.tunnel_length),
                 arena.description,
             )
-        _console().print(table)
+            for arena in arenas
+        ]
+        print_table(("arena", "size, m", "robots", "tunnel, cells", "what it is"), rows)
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ class Show:
 
         arena = load_arena(self.name)
         _draw([arena], self.png)
-        _show(arena, _console())
+        _show(arena, console())
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,7 @@ class Random:
             save_gallery([load_arena(random_arena(self.seed + more)) for more in range(count)], self.png)
         else:
             _draw([load_arena(text)], self.png)
-        _show(load_arena(text), _console())
+        _show(load_arena(text), console())
 
 
 @dataclass(frozen=True)
@@ -133,20 +136,17 @@ _STYLES = {
     "S": "black on bright_yellow",
     "X": "black on bright_magenta",
 }
-_WIDTH_PIPED = 220
-"""Wider than any map, so that nothing that is piped is wrapped."""
 
 
-def _console() -> Console:
-    """Open a console that colours only for a terminal."""
-    from rich.console import Console
-
-    console = Console(highlight=False, markup=False, emoji=False)
-    return (
-        console
-        if console.is_terminal
-        else Console(highlight=False, markup=False, emoji=False, width=_WIDTH_PIPED)
-    )
+def _record(arena: ArenaData) -> dict[str, Any]:
+    """Return what the list says of an arena, for other programs."""
+    return {
+        "name": arena.name,
+        "size": list(arena.size),
+        "robots": arena.capacity,
+        "tunnel_cells": arena.tunnel_length,
+        "description": arena.description,
+    }
 
 
 def _draw(arenas: list[ArenaData], path: Path | None) -> None:
@@ -156,25 +156,25 @@ def _draw(arenas: list[ArenaData], path: Path | None) -> None:
         save_picture(arenas, path)
 
 
-def _show(arena: ArenaData, console: Console) -> None:
+def _show(arena: ArenaData, out: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
     from robosim.arena.draw import drawing
 
-    console.print(Text(arena.name, style="bold"))
+    out.print(Text(arena.name, style="bold"))
     if arena.description:
-        console.print(arena.description)
-    console.print()
+        out.print(arena.description)
+    out.print()
     for line in drawing(arena):
         coloured = Text.assemble(*((character, _STYLES.get(character, "default")) for character in line))
-        console.print(coloured, soft_wrap=True)
+        out.print(coloured, soft_wrap=True)
     handover = "  X hand-over" if arena.handover is not None else ""
-    console.print(f"# wall  . floor  H home  S source  T tunnel{handover}\n")
+    out.print(f"# wall  . floor  H home  S source  T tunnel{handover}\n")
     table = Table.grid(padding=(0, 2))
     for name, value in _facts(arena):
         table.add_row(name, value)
-    console.print(table)
+    out.print(table)
 
 
 def _sheet_facts(name: str, robot: RobotSheet) -> list[tuple[str, str]]:

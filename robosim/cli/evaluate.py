@@ -92,10 +92,15 @@ class Evaluate:
             self._write_robustness(self.robustness, controller, env, result)
 
     def _check_number_of_teams(self) -> None:
+        from robosim.control.controller import SCRIPTED
         from robosim.errors import InputError
 
         if not self.policy:
-            raise InputError("evaluate needs a team: give trained policies or scripted controllers.")
+            scripts = ", ".join(SCRIPTED)
+            raise InputError(
+                "evaluate needs a team: a run folder of yours, a trained policy that `robosim policy list` "
+                f"names, or a scripted controller: {scripts}."
+            )
         for option, folder in (("--report", self.report), ("--robustness", self.robustness)):
             if folder is not None and len(self.policy) > 1:
                 raise InputError(

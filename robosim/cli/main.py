@@ -28,7 +28,9 @@ from robosim.cli.extras import missing_extra
 from robosim.cli.leaderboard import Leaderboard
 from robosim.cli.play import Play
 from robosim.cli.policy import Policy
+from robosim.cli.profile import Profile
 from robosim.cli.sweep import Sweep
+from robosim.cli.technique import Technique
 from robosim.cli.train import Train, train_command
 from robosim.cli.view import View
 from robosim.errors import IncompleteError, InputError, nearest_names, printable
@@ -51,6 +53,8 @@ Subcommand = (
     | Play
     | View
     | Policy
+    | Technique
+    | Profile
     | Export
     | Deploy
     | Bench
@@ -135,19 +139,18 @@ def parse(arguments: Sequence[str]) -> Subcommand:
     except SystemExit as ending:
         if not ending.code:
             raise
-        raise InputError(usage_sentence(complaint.getvalue())) from None
+        raise InputError(usage_sentence(complaint.getvalue(), arguments)) from None
     return parsed
 
 
 def _asked_for(arguments: Sequence[str]) -> Sequence[str]:
     """Return what `help` asks for in the words of options; InputError for a command that there is not."""
-    first = arguments[0] if arguments else ""
-    if first == "help":
-        return [*arguments[1:], "--help"]
+    asked = [*arguments[1:], "--help"] if arguments[:1] == ["help"] else arguments
+    first = asked[0] if asked else ""
     if first and not first.startswith("-") and first not in _commands(Train):
         near = nearest_names(first, _commands(Train))
         raise InputError(f"there is no command '{printable(first)}': {near}")
-    return arguments
+    return asked
 
 
 def _subcommands(train: type[Train]) -> Any:
@@ -167,24 +170,31 @@ def _commands(train: type[Train]) -> dict[str, Any]:
         "play": Play,
         "view": View,
         "policy": Policy,
+        "technique": Technique,
+        "profile": Profile,
         "export": Export,
         "deploy": Deploy,
         "bench": Bench,
     }
 
 
-def usage_sentence(box: str) -> str:
-    """Return in one sentence what tyro says of wrong usage in a box of several lines."""
+def usage_sentence(box: str, arguments: Sequence[str]) -> str:
+    """Return in one sentence what tyro says of wrong usage of `arguments`, in a box of several lines."""
     lines = [line.strip("│╭╮╰╯ ") for line in box.splitlines()]
     # Where the output takes only ASCII, the box has no sides, and one rule more: below its title.
     parts = " ".join("\n" if set(line) <= {"─", "-"} else line for line in lines[1:]).split("\n")
     sentence = " ".join(next((part for part in parts if part.strip()), "").split())
     # What a dataclass refuses is already a sentence, behind a name that means nothing to users.
     sentence = re.sub(r"^Error parsing __\S+: ", "", sentence)
+    command = " ".join(["robosim", *(one for one in arguments[:1] if one in _commands(Train))])
+    if choices := re.match(r"Expected one of \{(.+)\}\.$", sentence):
+        return f"{command.removeprefix('robosim ')} needs one of {choices[1]}; see {command} --help."
+    if missing := re.match(r"Missing from (robosim[\w ]+): (?:[A-Z]+ )?(.+?)\.? \(required\)", sentence):
+        return f"{missing[1].removeprefix('robosim ')} needs more: {missing[2]}; see {missing[1]} --help."
     meant = re.search(r"Perhaps you meant:\s+(--[\w-]+)", box.replace("│", ""))
     if meant:
         sentence += f"; did you mean {meant.group(1)}?"
-    return sentence if sentence.endswith((".", "?")) else f"{sentence}; see robosim --help."
+    return sentence if sentence.endswith((".", "?")) else f"{sentence}; see {command} --help."
 
 
 def _print_version() -> None:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from robosim.cli.card_facts import facts_of, size, spread
-from robosim.cli.tables import markdown
+from robosim.cli.tables import markdown, print_json, print_table
 
 if TYPE_CHECKING:
     from robosim.control.card import PolicyCard
@@ -22,21 +21,28 @@ class List:
 
     markdown: bool = False
     """Print the table as Markdown."""
+    json: bool = False
+    """Print the list as JSON."""
 
     def run(self) -> None:
         from robosim.control.card import read_card
         from robosim.control.policy import CARD_FILE, find_policy, policy_names
+        from robosim.errors import InputError
 
-        rows = []
-        for name in policy_names():
-            folder = find_policy(name)
-            rows.append(_row(name, read_card(folder / CARD_FILE), folder))
+        if self.markdown and self.json:
+            raise InputError("--markdown and --json are two ways to print one list: give one of them.")
+        folders = {name: find_policy(name) for name in policy_names()}
+        cards = {name: read_card(folder / CARD_FILE) for name, folder in folders.items()}
+        if self.json:
+            print_json([_record(name, card, folders[name]) for name, card in cards.items()])
+            return
+        rows = [_row(name, card, folders[name]) for name, card in cards.items()]
         if not rows:
             print("No policies ship with this robosim.")
         elif self.markdown:
             print("\n".join(markdown([_COLUMNS, *rows])))
         else:
-            _print_table(rows)
+            print_table(_COLUMNS, rows)
 
 
 @dataclass(frozen=True)
@@ -105,8 +111,6 @@ class Policy:
 _LENGTH = 5000
 """Decisions in the episodes that the table is about."""
 _COLUMNS = ("name", "arena", "robots", "technique", f"pellets in {_LENGTH} decisions", "of lanes", "size")
-_WIDTH_PIPED = 220
-"""Wider than the table, so that nothing that is piped is wrapped."""
 
 
 def _row(name: str, card: PolicyCard, folder: Path) -> tuple[str, ...]:
@@ -127,12 +131,19 @@ def _row(name: str, card: PolicyCard, folder: Path) -> tuple[str, ...]:
     )
 
 
-def _print_table(rows: list[tuple[str, ...]]) -> None:
-    from rich.console import Console
-    from rich.table import Table
+def _record(name: str, card: PolicyCard, folder: Path) -> dict[str, Any]:
+    """Return what the list says of a policy, for other programs."""
+    from robosim.control.policy import folder_size
 
-    table = Table(*_COLUMNS, box=None, header_style="bold")
-    for row in rows:
-        table.add_row(*row)
-    width = None if sys.stdout.isatty() else _WIDTH_PIPED
-    Console(highlight=False, markup=False, emoji=False, width=width).print(table)
+    evaluation = card.evaluation
+    return {
+        "name": name,
+        "arena": card.arena.name,
+        "robots": card.robots,
+        "technique": card.technique.name,
+        "pellets": None if evaluation is None else evaluation.mean,
+        "pellets_std": None if evaluation is None else evaluation.std,
+        "decisions": None if evaluation is None else evaluation.episode_steps,
+        "share_of_reference": card.share,
+        "bytes": folder_size(folder),
+    }

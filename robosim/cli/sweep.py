@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import sys
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from robosim.cli.program import hint
+from robosim.cli.tables import print_json
 
 if TYPE_CHECKING:
     from robosim.experiments import sweep
@@ -38,6 +40,8 @@ class Sweep:
     """Ray cluster, HOST:PORT or auto; by default Ray starts on this machine."""
     dry_run: bool = False
     """Only say which runs there are, which are done, and about how long the rest takes."""
+    json: bool = False
+    """With --dry-run, print the runs as JSON."""
     only: Annotated[str | None, tyro.conf.arg(metavar="NAME=VALUE,...")] = None
     """Only the runs with these values; several values of a name are alternatives."""
     keep_runs: bool = True
@@ -53,6 +57,8 @@ class Sweep:
             whole_number("--workers", self.workers, 1, 4096)
         if self.address is not None and self.engine != "ray":
             raise InputError("--address names a Ray cluster: it needs --engine ray.")
+        if self.json and not self.dry_run:
+            raise InputError("--json prints the list of runs: it needs --dry-run.")
         plan = read_sweep(self.file)
         if self.only is not None:
             plan = plan.only(self.only)
@@ -106,14 +112,13 @@ class Sweep:
         from robosim.experiments.forecast import Forecast
         from robosim.learning.progress import clock
 
-        counts: Counter[str] = Counter()
-        for run in plan.runs:
-            if run.job is None:
-                state, why = "skipped", f": {run.skip}"
-            else:
-                state, why = ("done" if run.job.key in results else "to do"), ""
-            counts[state] += 1
-            print(f"{state:<8} {run.label}{why}")
+        states = [_state(run, results) for run in plan.runs]
+        if self.json:
+            print_json([_record(run, state) for run, state in zip(plan.runs, states, strict=True)])
+            return
+        for run, state in zip(plan.runs, states, strict=True):
+            print(f"{state:<8} {run.label}{f': {run.skip}' if run.skip else ''}")
+        counts = Counter(states)
         print(", ".join(f"{counts[state]} {state}" for state in ("done", "to do", "skipped")))
         done = [results[job.key] for job in plan.jobs if job.key in results]
         waiting = [job.config for job in plan.jobs if job.key not in results]
@@ -123,6 +128,23 @@ class Sweep:
         elif waiting:
             at_once = f"{self._local_workers} at a time"
             print(f"about {clock(seconds)} to go, {at_once}, by the {_counted(len(done), 'run')} done")
+
+
+def _state(run: sweep.Run, results: Mapping[str, Result]) -> str:
+    if run.job is None:
+        return "skipped"
+    return "done" if run.job.key in results else "to do"
+
+
+def _record(run: sweep.Run, state: str) -> dict[str, Any]:
+    """Return what the list says of a run, for other programs."""
+    return {
+        "run": run.label,
+        "values": dict(run.names),
+        "state": state,
+        "key": None if run.job is None else run.job.key,
+        "why": run.skip or None,
+    }
 
 
 def _skipped(plan: sweep.Sweep) -> int:

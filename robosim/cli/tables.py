@@ -1,12 +1,42 @@
-"""Tables of text, and estimates as they stand in them."""
+"""Lists as tables or as JSON, and estimates as they stand in tables."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from robosim.experiments.statistics import Estimate
+
+_WIDTH_PIPED = 1000
+"""Wider than any map or table, so that nothing that is piped is wrapped."""
+
+
+def console() -> Console:
+    """Open a console that colours only for a terminal."""
+    from rich.console import Console
+
+    plain: dict[str, Any] = {"highlight": False, "markup": False, "emoji": False}
+    own = Console(**plain)
+    return own if own.is_terminal else Console(**plain, width=_WIDTH_PIPED)
+
+
+def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print rows under their headings."""
+    from rich.table import Table
+
+    table = Table(*columns, box=None, header_style="bold")
+    for row in rows:
+        table.add_row(*row)
+    console().print(table)
+
+
+def print_json(rows: Sequence[dict[str, Any]]) -> None:
+    """Print a list for other programs: what is in its table, under keys that stay (docs/public.md)."""
+    print(json.dumps(rows, indent=2, allow_nan=False))
 
 
 def written(estimate: Estimate | None, digits: int) -> str:

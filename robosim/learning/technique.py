@@ -63,23 +63,80 @@ def find_technique(name: str) -> Technique:
 
 
 _OF_THE_PAPER = (
-    Technique("iql", "dqn", {"reward": "local", "stigmergy": False}, "IQL, and I-DQN in its table."),
-    Technique("iql+g", "dqn", {**_TEAM, "stigmergy": False}, "IQL+G."),
-    Technique("iql+gs", "dqn", {**_TEAM, "stigmergy": True}, "IQL+GS."),
-    Technique("smadrl", "dqn", {**_TEAM, "stigmergy": True, "curriculum": True}, "S-MADRL, also IQL+GSC."),
-    Technique("ia2c", "ia2c", {"reward": "local", "stigmergy": False}, "I-A2C."),
-    Technique("madqn", "madqn", {**_TEAM, "stigmergy": False}, "MA-DQN: one network chooses for all robots."),
-    Technique("maa2c", "maa2c", {**_TEAM, "stigmergy": False}, "MA-A2C: one actor chooses for all robots."),
-    Technique("maddpg", "maddpg", {**_TEAM, "stigmergy": False}, "MADDPG, with discrete actions."),
-    Technique("mappo", "ppo", {**_MANY, **_TEAM, "stigmergy": False, "critic": "team"}, "MAPPO."),
+    Technique(
+        "iql",
+        "dqn",
+        {"reward": "local", "stigmergy": False},
+        "The paper's IQL, I-DQN in its table: own networks, own rewards.",
+    ),
+    Technique("iql+g", "dqn", {**_TEAM, "stigmergy": False}, "The paper's IQL+G: IQL, paid as a team."),
+    Technique(
+        "iql+gs", "dqn", {**_TEAM, "stigmergy": True}, "The paper's IQL+GS: IQL+G that sees pheromones."
+    ),
+    Technique(
+        "smadrl",
+        "dqn",
+        {**_TEAM, "stigmergy": True, "curriculum": True},
+        "The paper's S-MADRL, also IQL+GSC: IQL+GS, newcomers one by one.",
+    ),
+    Technique(
+        "ia2c",
+        "ia2c",
+        {"reward": "local", "stigmergy": False},
+        "The paper's I-A2C: an actor and a critic for each robot.",
+    ),
+    Technique(
+        "madqn",
+        "madqn",
+        {**_TEAM, "stigmergy": False},
+        "The paper's MA-DQN: one network chooses for all robots.",
+    ),
+    Technique(
+        "maa2c",
+        "maa2c",
+        {**_TEAM, "stigmergy": False},
+        "The paper's MA-A2C: one actor chooses for all robots.",
+    ),
+    Technique(
+        "maddpg", "maddpg", {**_TEAM, "stigmergy": False}, "The paper's MADDPG, with discrete actions."
+    ),
+    Technique(
+        "mappo",
+        "ppo",
+        {**_MANY, **_TEAM, "stigmergy": False, "critic": "team"},
+        "The paper's MAPPO: PPO, with a critic that sees all robots.",
+    ),
 )
 _OF_OTHERS = (
-    Technique("ippo", "ppo", {**_MANY, "reward": "local", "stigmergy": False}, "IPPO (de Witt 2020)."),
-    Technique("vdn", "qmix", {**_TEAM, "stigmergy": False, "mixer": "sum"}, "VDN (Sunehag 2018)."),
-    Technique("qmix", "qmix", {**_TEAM, "stigmergy": False}, "QMIX (Rashid 2018)."),
-    Technique("pqn", "pqn", {**_MANY, "reward": "local", "stigmergy": False}, "PQN (Gallici 2025)."),
     Technique(
-        "pqn-vdn", "pqn", {**_MANY, **_TEAM, "stigmergy": False, "mixer": "sum"}, "PQN with VDN's sum."
+        "ippo",
+        "ppo",
+        {**_MANY, "reward": "local", "stigmergy": False},
+        "IPPO (de Witt 2020): PPO, each robot by itself.",
+    ),
+    Technique(
+        "vdn",
+        "qmix",
+        {**_TEAM, "stigmergy": False, "mixer": "sum"},
+        "VDN (Sunehag 2018): values of robots add up to the team's.",
+    ),
+    Technique(
+        "qmix",
+        "qmix",
+        {**_TEAM, "stigmergy": False},
+        "QMIX (Rashid 2018): a network mixes values of robots into the team's.",
+    ),
+    Technique(
+        "pqn",
+        "pqn",
+        {**_MANY, "reward": "local", "stigmergy": False},
+        "PQN (Gallici 2025): Q-learning without replay.",
+    ),
+    Technique(
+        "pqn-vdn",
+        "pqn",
+        {**_MANY, **_TEAM, "stigmergy": False, "mixer": "sum"},
+        "PQN (Gallici 2025) with the sum of VDN.",
     ),
 )
 _OURS = (
@@ -96,24 +153,37 @@ _OURS = (
             "curriculum": True,
             "fine_tune": 0.7,
         },
-        "The paper's four ideas (own networks, stigmergy, team reward, curriculum) with our learner.",
+        "Ours: the paper's four ideas (own networks, stigmergy, team reward, curriculum) with our learner.",
         _FAR,
     ),
     # Without the noise of what others earn, and with no pay for going to and fro.
-    Technique("iql+s", "dqn", {**_LOCAL, "stigmergy": True}, "Own rewards, signed."),
-    Technique("iql+sc", "dqn", {**_LOCAL, "stigmergy": True, "curriculum": True}, "The same, one by one."),
+    Technique(
+        "iql+s",
+        "dqn",
+        {**_LOCAL, "stigmergy": True},
+        "Ours: IQL with pheromones; losing ground costs what gaining it pays.",
+    ),
+    Technique(
+        "iql+sc",
+        "dqn",
+        {**_LOCAL, "stigmergy": True, "curriculum": True},
+        "Ours: iql+s, newcomers one by one.",
+    ),
     Technique(
         "ps-dqn",
         "dqn",
         {**_SHARED, "normalisation": "rms"},
-        "One network for all, normalised, which does not choose blocked moves.",
+        "Ours, the default: one network for all, normalised, which does not choose blocked moves.",
         _FAR,
     ),
-    Technique("ps-pqn", "pqn", {**_SHARED, **_MANY}, "The same without replay, by PQN."),
-    Technique("ps-a2c", "ia2c", _SHARED, "The same with one actor and critic for all."),
-    Technique("ps-ippo", "ppo", {**_SHARED, **_MANY}, "The same by PPO."),
+    Technique("ps-pqn", "pqn", {**_SHARED, **_MANY}, "Ours: ps-dqn without replay, by PQN."),
+    Technique("ps-a2c", "ia2c", _SHARED, "Ours: ps-dqn with an actor and a critic, one of each for all."),
+    Technique("ps-ippo", "ppo", {**_SHARED, **_MANY}, "Ours: ps-dqn by PPO."),
     Technique(
-        "ps-mappo", "ppo", {**_SHARED, **_MANY, "critic": "team"}, "The same, with a critic that sees all."
+        "ps-mappo",
+        "ppo",
+        {**_SHARED, **_MANY, "critic": "team"},
+        "Ours: ps-ippo, with a critic that sees all robots.",
     ),
 )
 for _one in (*_OF_THE_PAPER, *_OF_OTHERS, *_OURS):

@@ -171,10 +171,16 @@ def test_few_episodes_have_no_interval_and_teams_may_differ_in_arena_and_size(ca
     assert "[" not in "".join(shown)
 
 
+NO_TEAM = (
+    "evaluate needs a team: a run folder of yours, a trained policy that `robosim policy list` names, or a "
+    "scripted controller: lanes, active, reversal, lorenz, random."
+)
+
+
 @pytest.mark.parametrize(
     ("teams", "sentence"),
     [
-        ([], "evaluate needs a team: give trained policies or scripted controllers."),
+        ([], NO_TEAM),
         (
             ["lanes", "active", "--report", "out"],
             "--report is about one team, but 2 are given: evaluate them one by one.",

@@ -67,11 +67,32 @@ def test_help_is_a_command_too(
         ("fly\033[31m" + "y" * 500, f"there is no command 'fly?[31m{'y' * 68} ...': known names are arena,"),
     ],
 )
+@pytest.mark.parametrize("asked", [[], ["help"]])
 def test_a_command_that_there_is_not_is_offered_the_nearest(
-    name: str, sentence: str, capsys: pytest.CaptureFixture[str]
+    name: str, sentence: str, asked: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([name]) == 2
+    assert main([*asked, name]) == 2
     assert capsys.readouterr().err.startswith(f"robosim: {sentence}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ("arena", "arena needs one of list, show, check, random; see robosim arena --help."),
+        ("arena fly", "Unrecognized options: fly; see robosim arena --help."),
+        (
+            "export",
+            "export needs more: Trained policy by name, or policy or run folder; see robosim export --help.",
+        ),
+        ("sweep", "sweep needs more: The sweep (.toml); see robosim sweep --help."),
+        ("--fly", "Unrecognized options: --fly; see robosim --help."),
+    ],
+)
+def test_a_command_that_is_not_whole_says_what_it_needs_and_where_to_read(
+    arguments: str, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments.split()) == 2
+    assert capsys.readouterr().err == f"robosim: {sentence}\n"
 
 
 def too_long(tmp_path: Path) -> str:

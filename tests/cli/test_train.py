@@ -1,4 +1,5 @@
 import signal
+from dataclasses import asdict
 
 import pytest
 from rerun.chunk import RrdReader
@@ -69,7 +70,7 @@ def test_it_says_how_many_decisions_were_taken_and_not_how_many_were_asked_for(t
             ["--technique=ia2c", "--epsilon-start", "0.1"],
             "--epsilon-start is an option of the algorithm dqn: technique ia2c learns by ia2c.",
         ),
-        (["--name", "ia2c"], "Unrecognized options: --name, ia2c; see robosim --help."),
+        (["--name", "ia2c"], "Unrecognized options: --name, ia2c; see robosim train --help."),
         (
             ["--technique", "a", "--technique", "iql+gss"],
             'unknown technique "iql+gss": did you mean iql+gs or iql+s or iql+g?',
@@ -79,6 +80,11 @@ def test_it_says_how_many_decisions_were_taken_and_not_how_many_were_asked_for(t
 def test_an_option_that_there_is_not_is_a_sentence(options, sentence, capsys):
     assert main(["train", *options]) == 2
     assert capsys.readouterr().err == f"robosim: {sentence}\n"
+
+
+def test_without_options_it_is_the_default_technique_in_the_default_arena():
+    given = parse(["train", "--technique", "ps-dqn", "--arena", "paper"])
+    assert asdict(parse(["train"])) == asdict(given)
 
 
 def test_a_policy_to_start_from_must_exist_and_fit(tmp_path, capsys):

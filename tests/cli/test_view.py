@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from robosim.cli.main import main
+from robosim.cli.program import hint
 
 NO_DISPLAY = "there is no display for the viewer's window: a browser can show it instead"
 
@@ -101,6 +102,24 @@ def test_a_taken_port_is_a_sentence(
         assert main(["view", str(recorded), "--web", "--port", str(port)]) == 2
     assert capsys.readouterr().err == (
         f"robosim: --port is {port}, but it or the next, which is needed too, is taken.\n"
+    )
+
+
+def test_without_a_recording_it_names_the_latest_or_how_to_make_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "gone.rrd").symlink_to("nowhere")
+    assert main(["view"]) == 2
+    made = hint("play", "paper-8", "--save", "run.rrd")
+    assert capsys.readouterr().err == f"robosim: view needs a recording: `{made}` makes one.\n"
+    for name, time in (("a.rrd", 1000.0), ("my run.rrd", 3000.0), ("z.rrd", 2000.0)):
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, (time, time))
+    assert main(["view"]) == 2
+    opened = hint("view", "my run.rrd")
+    assert capsys.readouterr().err == (
+        f"robosim: view needs a recording: the latest here is opened by `{opened}`.\n"
     )
 
 
