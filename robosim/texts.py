@@ -33,27 +33,28 @@ _DOTTED = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{DEEPEST}}}")
 _BRACKETS = re.compile(r"[\[\]{}]")
 
 
-def read_limited(path: Path, most: int) -> bytes:
+def read_limited(path: Path, most: int, kind: str) -> bytes:
     """Return the bytes of a regular file of at most `most` bytes; InputError otherwise.
 
-    A pipe in its place is not waited for, and nothing of a file that is too large is read.
+    `kind` is what the file should be, such as "arena file", for the sentence. A pipe in its place is not
+    waited for, and nothing of a file that is too large is read.
     """
-    with _regular_file(path) as file:
+    with _regular_file(path, kind) as file:
         size = os.fstat(file.fileno()).st_size
         # A file may grow while it is read.
         data = b"" if size > most else file.read(most + 1)
     if size > most or len(data) > most:
-        raise InputError(f"{path}: the file is larger than {most} bytes, the most it may have.")
+        raise InputError(f"{path}: larger than {most} bytes, the most that {_one(kind)} may have.")
     return data
 
 
-def read_lines(path: Path, longest: int) -> Iterator[bytes]:
+def read_lines(path: Path, longest: int, kind: str) -> Iterator[bytes]:
     """Yield the lines of a regular file, without their ends; a last one that has none is left out.
 
     One line is held at a time, whatever the size of the file. InputError for anything but a regular file, and
-    for a line of more than `longest` bytes.
+    for a line of more than `longest` bytes; `kind` as in `read_limited`.
     """
-    with _regular_file(path) as file:
+    with _regular_file(path, kind) as file:
         number = 0
         while line := file.readline(longest + 1):
             number += 1
@@ -66,7 +67,7 @@ def read_lines(path: Path, longest: int) -> Iterator[bytes]:
 
 
 @contextlib.contextmanager
-def _regular_file(path: Path) -> Iterator[BinaryIO]:
+def _regular_file(path: Path, kind: str) -> Iterator[BinaryIO]:
     """Give a regular file, open for reading; InputError for what is none or cannot be read."""
     try:
         # Looked at once it is open: another may take its place before.
@@ -76,12 +77,12 @@ def _regular_file(path: Path) -> Iterator[BinaryIO]:
             if stat.S_ISDIR(mode):
                 raise IsADirectoryError
             if not stat.S_ISREG(mode):
-                raise InputError(f"{path}: not a regular file.")
+                raise InputError(f"{path}: not a regular file, as {_one(kind)} must be.")
             yield file
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file.") from None
+        raise InputError(f"{path}: there is no such {kind}.") from None
     except IsADirectoryError:
-        raise InputError(f"{path}: this is a directory; a file is needed here.") from None
+        raise InputError(f"{path}: this is a directory; {_one(kind)} is needed here.") from None
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
@@ -89,18 +90,25 @@ def _regular_file(path: Path) -> Iterator[BinaryIO]:
         raise InputError(f"{path}: cannot be read: {reason}.") from None
 
 
-def read_text(path: Path, most: int) -> str:
-    """Return the text of a regular file of at most `most` bytes of UTF-8; InputError otherwise."""
-    data = read_limited(path, most)
+def _one(kind: str) -> str:
+    return f"{'an' if kind[0] in 'aeioO' else 'a'} {kind}"
+
+
+def read_text(path: Path, most: int, kind: str) -> str:
+    """Return the text of a regular file of at most `most` bytes of UTF-8; errors as in `read_limited`."""
+    data = read_limited(path, most, kind)
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8, as it must be.") from None
+        raise InputError(f"{path}: byte {error.start} is not UTF-8, as it must be in {_one(kind)}.") from None
 
 
-def read_toml(path: Path, most: int) -> dict[str, Any]:
-    """Return the tables in a file of at most `most` bytes; InputError in one sentence if it is not TOML."""
-    return parse_toml(read_text(path, most), str(path))
+def read_toml(path: Path, most: int, kind: str) -> dict[str, Any]:
+    """Return the tables in a file of at most `most` bytes; InputError in one sentence if it is not TOML.
+
+    `kind` as in `read_limited`.
+    """
+    return parse_toml(read_text(path, most, kind), str(path))
 
 
 def parse_toml(text: str, place: str) -> dict[str, Any]:

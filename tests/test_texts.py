@@ -19,7 +19,7 @@ from robosim.texts import parse_json, parse_toml, read_limited, read_text, read_
 
 def refusal(path: Path, most: int = 100) -> str:
     with pytest.raises(InputError) as refused:
-        read_limited(path, most)
+        read_limited(path, most, "map")
     return str(refused.value)
 
 
@@ -27,23 +27,23 @@ def test_a_regular_file_is_read_whole_and_through_links(tmp_path: Path) -> None:
     path, link = tmp_path / "a", tmp_path / "b"
     path.write_bytes(b"x" * 100)
     link.symlink_to(path)
-    assert read_limited(path, 100) == read_limited(link, 100) == b"x" * 100
-    assert refusal(path, 99) == f"{path}: the file is larger than 99 bytes, the most it may have."
+    assert read_limited(path, 100, "map") == read_limited(link, 100, "map") == b"x" * 100
+    assert refusal(path, 99) == f"{path}: larger than 99 bytes, the most that a map may have."
 
 
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
-    assert refusal(path) == f"{path}: not a regular file."
-    assert refusal(Path("/dev/zero")) == "/dev/zero: not a regular file."
+    assert refusal(path) == f"{path}: not a regular file, as a map must be."
+    assert refusal(Path("/dev/zero")) == "/dev/zero: not a regular file, as a map must be."
 
 
 def test_what_is_no_file_is_one_sentence(tmp_path: Path) -> None:
     circle = tmp_path / "circle"
     circle.symlink_to(circle)
     long = tmp_path / ("a" * 300)
-    assert refusal(tmp_path) == f"{tmp_path}: this is a directory; a file is needed here."
-    assert refusal(tmp_path / "none") == f"{tmp_path / 'none'}: there is no such file."
+    assert refusal(tmp_path) == f"{tmp_path}: this is a directory; a map is needed here."
+    assert refusal(tmp_path / "none") == f"{tmp_path / 'none'}: there is no such map."
     assert refusal(circle) == f"{circle}: cannot be read: Too many levels of symbolic links."
     assert refusal(long) == f"{long}: cannot be read: File name too long."
     # How Python calls it differs from version to version.
@@ -54,15 +54,17 @@ def test_nothing_is_read_of_a_sparse_file_that_is_too_large(tmp_path: Path) -> N
     path = tmp_path / "sparse"
     with path.open("wb") as file:
         file.truncate(2**40)
-    assert refusal(path).endswith("the file is larger than 100 bytes, the most it may have.")
+    assert refusal(path).endswith("larger than 100 bytes, the most that a map may have.")
 
 
 def test_bytes_that_are_no_text_are_named(tmp_path: Path) -> None:
     path = tmp_path / "a.toml"
     path.write_bytes(b"a = '\xff'")
     for read in (read_text, read_toml):
-        with pytest.raises(InputError, match=r"a\.toml: byte 5 is not UTF-8, as it must be\.$"):
-            read(path, 100)
+        with pytest.raises(
+            InputError, match=r"a\.toml: byte 5 is not UTF-8, as it must be in an arena file\.$"
+        ):
+            read(path, 100, "arena file")
 
 
 DEEP = "tables and lists more than 20 deep"
@@ -121,7 +123,7 @@ def test_texts_and_comments_may_hold_anything(text: str) -> None:
 @pytest.mark.parametrize("name", arena_names())
 def test_arenas_that_ship_are_read_as_they_are(name: str) -> None:
     path = shipped_folder("arenas") / f"{name}.toml"
-    assert read_toml(path, 1_000_000) == tomllib.loads(path.read_text(encoding="utf-8"))
+    assert read_toml(path, 1_000_000, "arena file") == tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 @given(st.text(st.sampled_from("ab.=[]{}\"'#\\\n ,1"), max_size=60))

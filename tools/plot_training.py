@@ -36,7 +36,7 @@ def label_of(path: Path) -> str:
 
     By its file alone: a technique or an algorithm of one's own is registered where it learned, but not here.
     """
-    tables = read_toml(path, MOST_CONFIG)
+    tables = read_toml(path, MOST_CONFIG, "run configuration")
     env, run = tables["env"], tables["run"]
     return f"{run['technique']}, {env['robots']} robots, seed {run['seed']}"
 

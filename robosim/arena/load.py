@@ -58,4 +58,4 @@ def _exists(path: Path) -> bool:
 
 
 def _read(path: Path) -> str:
-    return read_text(path, _MOST_BYTES)
+    return read_text(path, _MOST_BYTES, "arena file")

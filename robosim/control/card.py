@@ -325,7 +325,7 @@ def fingerprint(text: str) -> str:
 def read_evaluation(path: Path) -> Evaluation:
     """Read and check a file that holds an evaluation; InputError in one sentence if it is none."""
     try:
-        table = parse_json(read_limited(path, MOST_BYTES))
+        table = parse_json(read_limited(path, MOST_BYTES, "evaluation"))
     except InputError:
         raise
     except ValueError as error:
@@ -340,7 +340,7 @@ def card_text(card: PolicyCard) -> str:
 
 def read_card(path: Path) -> PolicyCard:
     """Read and check a card; InputError in one sentence for whatever is wrong with it."""
-    data = read_limited(path, MOST_BYTES)
+    data = read_limited(path, MOST_BYTES, "policy card")
     try:
         table = parse_json(data)
     except ValueError as error:

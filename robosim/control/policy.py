@@ -149,7 +149,7 @@ def check_run(folder: Path) -> None:
     try:
         if not is_regular(path):
             return
-        files = parse_json(read_limited(path, MOST_BYTES)).get("files", {})
+        files = parse_json(read_limited(path, MOST_BYTES, "record of a run")).get("files", {})
         require_unchanged(folder, {str(name): str(digest) for name, digest in files.items()})
     except InputError:
         raise
@@ -228,7 +228,7 @@ def _read_weights(path: Path, card: PolicyCard) -> dict[str, NDArray[np.floating
             f"{path}: {each} networks of {network.numbers} numbers need more than {_MOST_WEIGHTS} bytes, "
             "the most a policy may take."
         )
-    data = read_limited(path, 4 * network.numbers * network.networks + _MOST_HEADER)
+    data = read_limited(path, 4 * network.numbers * network.networks + _MOST_HEADER, "weights file")
     if card.weights_sha256 and hashlib.sha256(data).hexdigest() != card.weights_sha256:
         raise InputError(f"{path}: not the weights of this card: their SHA-256 is another.")
     try:

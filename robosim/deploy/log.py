@@ -196,7 +196,7 @@ class Log(NamedTuple):
 
 def open_log(path: str | Path) -> Log:
     """Begin to read a log; a last line that was cut short is left out. InputError for what is no log."""
-    lines = read_lines(Path(path), _LONGEST_HEAD)
+    lines = read_lines(Path(path), _LONGEST_HEAD, "log")
     first = next(lines, None)
     if first is None:
         raise InputError(f"{path}: holds no whole line, so it is no controller's log.")

@@ -42,7 +42,7 @@ class OnnxPolicy:
         # What is wrong is said here, in a sentence.
         options.log_severity_level = 4
         self._place = "model" if isinstance(model, bytes) else str(model)
-        data = model if isinstance(model, bytes) else read_limited(Path(model), MOST_BYTES)
+        data = model if isinstance(model, bytes) else read_limited(Path(model), MOST_BYTES, "ONNX file")
         try:
             # Otherwise it tries what has failed a second time, and says so on the standard output.
             self._session = onnxruntime.InferenceSession(

@@ -83,4 +83,4 @@ def _find(name_or_path: str | Path) -> Path:
 
 
 def _read(path: Path) -> str:
-    return read_text(path, LONGEST_PROFILE)
+    return read_text(path, LONGEST_PROFILE, "profile")

@@ -127,7 +127,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
     """Read a trajectory; raises InputError for a file that is none, and runs no code from it."""
     source = Path(name_or_path("trajectory", path))
     # In memory: what is looked at is what is read.
-    packed = io.BytesIO(read_limited(source, _LARGEST_FILE))
+    packed = io.BytesIO(read_limited(source, _LARGEST_FILE, "trajectory"))
     try:
         with zipfile.ZipFile(packed) as archive:
             _check_members(source, archive)

@@ -65,7 +65,7 @@ def read_results(path: Path) -> dict[str, Result]:
     A line that a kill cut short counts for nothing. InputError for any other line that is no result.
     """
     try:
-        lines = read_text(path, _MOST_BYTES).splitlines() if path.exists() else []
+        lines = read_text(path, _MOST_BYTES, "results file").splitlines() if path.exists() else []
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from None
     results: dict[str, Result] = {}

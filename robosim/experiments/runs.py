@@ -206,7 +206,7 @@ def _runs_in(path: Path) -> list[Run]:
     if path.is_dir():
         return _runs_below(path)
     if not path.exists():
-        raise InputError(f"{path}: there is no such file or folder.")
+        raise InputError(f"{path}: there is no such run folder, results file or evaluation.")
     if evaluations := read_evaluations(path):
         return [_evaluated(one, str(path), technique=one.controller, seed=one.seed) for one in evaluations]
     results = read_results(path)
@@ -244,7 +244,7 @@ def _read_folder(folder: Path) -> Run:
         raise InputError(f"{path}: this is not the evaluation of a run.")
     (evaluation,) = evaluations
     config = folder / CONFIG_FILE
-    tables = read_toml(config, MOST_CONFIG)
+    tables = read_toml(config, MOST_CONFIG, "run configuration")
     arena = _arena(str(_table(tables, "env", str(config)).get("arena", evaluation.arena)))
     return _evaluated(
         evaluation,
@@ -261,7 +261,7 @@ def read_evaluations(path: Path) -> list[Evaluation]:
     Empty where it is no such file, but may hold results. InputError for one that is not whole.
     """
     try:
-        found = parse_json(read_limited(path, MOST_BYTES))
+        found = parse_json(read_limited(path, MOST_BYTES, "file of evaluations or results"))
     except ValueError:
         return []
     if isinstance(found, dict) and "controller" in found:

@@ -156,7 +156,7 @@ def read_sweep(path: Path) -> Sweep:
     """
     place = str(path)
     try:
-        file = SweepFile.model_validate(read_toml(path, _MOST_BYTES))
+        file = SweepFile.model_validate(read_toml(path, _MOST_BYTES, "sweep file"))
     except ValidationError as error:
         raise InputError(f"{place}: {sentence(SweepFile, error)}") from None
     for name, values in file.vary.items():

@@ -123,7 +123,7 @@ def read_checkpoint(path: Path, most: int) -> Checkpoint:
     """Read a checkpoint of at most `most` bytes; InputError in one sentence when it is damaged, or larger."""
     header = _read_header(path)
     with _whole(path, "checkpoint"):
-        data = read_limited(path, most)
+        data = read_limited(path, most, "checkpoint")
         _check_seal(data)
         tensors = safetensors.torch.load(data)
         return Checkpoint(int(header["step"]), tensors, dict(header["facts"]), tuple(header["parts"]))

@@ -195,7 +195,7 @@ def read_config(path: Path) -> RunConfig:
 
     InputError in one sentence for a file that cannot be read, is not TOML, or holds a wrong value.
     """
-    tables = read_toml(path, MOST_CONFIG)
+    tables = read_toml(path, MOST_CONFIG, "run configuration")
     for name, table in tables.items():
         if name not in RunConfig.model_fields:
             raise InputError(

@@ -162,7 +162,7 @@ class RunFolder:
     def command(self) -> str:
         """Return the command that began the run; empty where it is not known."""
         try:
-            text = read_text(self.path / COMMAND_FILE, _LONGEST_COMMAND).strip()
+            text = read_text(self.path / COMMAND_FILE, _LONGEST_COMMAND, "command").strip()
         except InputError:
             return ""
         return text if text.isprintable() else ""
@@ -184,7 +184,9 @@ class RunFolder:
         try:
             if not path.exists():
                 return None
-            finished = _FINISHED.validate_python(parse_json(read_limited(path, MOST_BYTES)))
+            finished = _FINISHED.validate_python(
+                parse_json(read_limited(path, MOST_BYTES, "record of a run"))
+            )
         except InputError:
             raise
         except (OSError, ValueError) as error:
@@ -272,7 +274,7 @@ def _remove_empty(folder: Path) -> None:
 
 
 def _table(path: Path) -> dict[str, Any]:
-    return read_toml(path, MOST_CONFIG)
+    return read_toml(path, MOST_CONFIG, "run configuration")
 
 
 def _missing(table: Mapping[str, Any], whole: Mapping[str, Any]) -> str:

@@ -82,7 +82,7 @@ def require_recording(path: str | Path) -> None:
 def require_whole_recording(path: Path) -> None:
     """Raise InputError, in a sentence, if a file is no recording, or not the whole of one."""
     if not path.exists():
-        raise InputError(f"{path}: there is no such file.")
+        raise InputError(f"{path}: there is no such recording.")
     if not path.is_file():
         raise InputError(f"{path}: this is no file, so it is no recording.")
     if path.suffix == SUFFIX:

@@ -40,25 +40,25 @@ def test_unknown_name_offers_the_nearest() -> None:
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    assert refusal(tmp_path / "no.toml") == f"{tmp_path}/no.toml: there is no such file."
-    assert refusal("no.toml") == "no.toml: there is no such file."
+    assert refusal(tmp_path / "no.toml") == f"{tmp_path}/no.toml: there is no such arena file."
+    assert refusal("no.toml") == "no.toml: there is no such arena file."
 
 
 def test_directory(tmp_path: Path) -> None:
-    sentence = f"{tmp_path}: this is a directory; a file is needed here."
+    sentence = f"{tmp_path}: this is a directory; an arena file is needed here."
     assert refusal(tmp_path) == refusal(str(tmp_path)) == sentence
 
 
 def test_not_utf8(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_bytes(b'name = "\xff"')
-    assert refusal(file) == f"{file}: byte 8 is not UTF-8, as it must be."
+    assert refusal(file) == f"{file}: byte 8 is not UTF-8, as it must be in an arena file."
 
 
 def test_too_large(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_bytes(b"#" * 1_000_001)
-    assert refusal(file) == f"{file}: the file is larger than 1000000 bytes, the most it may have."
+    assert refusal(file) == f"{file}: larger than 1000000 bytes, the most that an arena file may have."
 
 
 @pytest.mark.parametrize("path", ["a\0b", "a\0b.toml", "x" * 5000, "/dev/null/x.toml"])

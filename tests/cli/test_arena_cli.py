@@ -86,7 +86,7 @@ def test_check_prints_every_mistake_and_exits_with_2(tmp_path: Path) -> None:
     ("arguments", "sentence"),
     [
         (["show", "papr"], "No arena is named 'papr': did you mean paper or paper-grid?"),
-        (["check", "no/such.toml"], "no/such.toml: there is no such file."),
+        (["check", "no/such.toml"], "no/such.toml: there is no such arena file."),
         (
             ["show", "paper", "--png", "no/such/p.png"],
             "no/such/p.png: cannot be written: No such file or directory.",

@@ -68,7 +68,10 @@ def test_an_evaluation_of_ones_own_stands_among_those_asked_for(tmp_path, capsys
             ["--arena", "single-lane", "--robots", "9"],
             "--robots is 9, but there are entries for 2 alone.",
         ),
-        (["--records", "nowhere.jsonl"], "nowhere.jsonl: there is no such file or folder."),
+        (
+            ["--records", "nowhere.jsonl"],
+            "nowhere.jsonl: there is no such run folder, results file or evaluation.",
+        ),
     ],
 )
 def test_what_there_is_not_is_a_sentence(options, sentence, capsys):

@@ -174,6 +174,33 @@ def test_wrong_usage_is_one_sentence(arguments: list[str], sentence: str, encodi
     assert run_robosim(*arguments, encoding=encoding).stderr.startswith(f"robosim: {sentence}")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "kind"),
+    [
+        ("arena show no.toml", "arena file"),
+        ("profile show no.toml", "profile"),
+        ("evaluate lanes --arena no.toml", "arena file"),
+        ("evaluate lanes --profile no.toml", "profile"),
+        ("play no.npz", "trajectory"),
+        ("view no.rrd", "recording"),
+        ("sweep no.toml", "sweep file"),
+        ("compare no.jsonl", "run folder, results file or evaluation"),
+        ("leaderboard --records no.jsonl", "run folder, results file or evaluation"),
+    ],
+)
+def test_a_file_that_is_not_there_is_named_by_its_kind(
+    arguments: str,
+    kind: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = arguments.split()[-1]
+    assert main(arguments.split()) == 2
+    assert capsys.readouterr().err == f"robosim: {name}: there is no such {kind}.\n"
+
+
 def test_wrong_input_is_one_sentence_and_exit_2() -> None:
     result = run_robosim("arena", "show", "papr")
     assert result.returncode == 2

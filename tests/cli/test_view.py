@@ -130,7 +130,7 @@ def _cut(path: Path, recorded: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "make", "sentence"),
     [
-        ("run.rrd", lambda path, recorded: None, "there is no such file."),
+        ("run.rrd", lambda path, recorded: None, "there is no such recording."),
         ("run.rrd", lambda path, recorded: path.mkdir(), "this is no file, so it is no recording."),
         ("run.rrd", lambda path, recorded: os.mkfifo(path), "this is no file, so it is no recording."),
         ("run.rrd", lambda path, recorded: path.write_text(""), "is no recording, or not a whole one ("),

@@ -219,7 +219,8 @@ def test_what_is_no_json_is_refused_with_the_reason(tmp_path, text, reason):
 
 def test_a_huge_card_is_refused(tmp_path):
     assert (
-        refused(tmp_path, " " * 5_000_001) == "the file is larger than 5000000 bytes, the most it may have."
+        refused(tmp_path, " " * 5_000_001)
+        == "larger than 5000000 bytes, the most that a policy card may have."
     )
 
 

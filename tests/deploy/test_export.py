@@ -315,7 +315,7 @@ def test_only_the_file_itself_is_read(tmp_path):
     os.mkfifo(tmp_path / "pipe.onnx")
     with pytest.raises(InputError) as caught:
         OnnxPolicy(tmp_path / "pipe.onnx")
-    assert str(caught.value) == f"{tmp_path}/pipe.onnx: not a regular file."
+    assert str(caught.value) == f"{tmp_path}/pipe.onnx: not a regular file, as an ONNX file must be."
 
 
 def test_damaged_files_are_run_or_refused_in_a_sentence(tmp_path):

@@ -205,8 +205,8 @@ def test_each_mistake_is_one_sentence(tmp_path: Path, text: str, sentence: str) 
 def test_a_profile_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
     for one, sentence in (
         ("hars", "No profile is named 'hars': did you mean harsh?"),
-        (tmp_path, f"{tmp_path}: this is a directory; a file is needed here."),
-        (tmp_path / "no.toml", f"{tmp_path / 'no.toml'}: there is no such file."),
+        (tmp_path, f"{tmp_path}: this is a directory; a profile is needed here."),
+        (tmp_path / "no.toml", f"{tmp_path / 'no.toml'}: there is no such profile."),
     ):
         with pytest.raises(InputError) as refusal:
             load_profile(one)

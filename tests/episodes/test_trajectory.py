@@ -325,7 +325,7 @@ def test_a_wrong_file_is_one_sentence(tmp_path: Path, changes, sentence) -> None
 
 
 def test_no_file_and_a_file_of_something_else_are_one_sentence_and_run_no_code(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.npz: there is no such file\.$"):
+    with pytest.raises(InputError, match=r"none\.npz: there is no such trajectory\.$"):
         load_trajectory(tmp_path / "none.npz")
     for name, content in [("text", b"hello"), ("empty", b""), ("cut", b"PK\x03\x04")]:
         (tmp_path / name).write_bytes(content)
@@ -448,7 +448,7 @@ def test_fields_that_unpack_to_more_than_they_can_hold_are_not_unpacked(tmp_path
 
 def test_a_pipe_in_the_place_of_a_trajectory_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "run.npz")
-    with pytest.raises(InputError, match=r"run\.npz: not a regular file\.$"):
+    with pytest.raises(InputError, match=r"run\.npz: not a regular file, as a trajectory must be\.$"):
         load_trajectory(tmp_path / "run.npz")
 
 

@@ -72,7 +72,7 @@ def test_a_line_that_is_no_result_is_a_sentence(tmp_path, line):
     with pytest.raises(InputError) as caught:
         read_results(path)
     assert str(caught.value).startswith(f"{path}: line 2 is no result (")
-    with pytest.raises(InputError, match="this is a directory; a file is needed here"):
+    with pytest.raises(InputError, match="this is a directory; a results file is needed here"):
         read_results(tmp_path)
 
 

@@ -288,7 +288,7 @@ def test_a_path_without_runs_is_a_sentence(tmp_path):
         "empty": "there is no run in this folder: no config.toml in it or below it.",
         "none.jsonl": "there is no result in this file.",
         "text.json": "line 1 is no result (",
-        "nowhere": "there is no such file or folder.",
+        "nowhere": "there is no such run folder, results file or evaluation.",
     }.items():
         with pytest.raises(InputError) as caught:
             read_runs([tmp_path / name])

@@ -268,9 +268,9 @@ def test_a_mistake_is_a_sentence(tmp_path, text, sentence):
 def test_a_file_that_cannot_be_read_is_a_sentence(tmp_path):
     with pytest.raises(InputError) as caught:
         read_sweep(tmp_path / "none.toml")
-    assert str(caught.value) == f"{tmp_path / 'none.toml'}: there is no such file."
+    assert str(caught.value) == f"{tmp_path / 'none.toml'}: there is no such sweep file."
     (tmp_path / "large.toml").write_text("#" * 1_000_001)
-    with pytest.raises(InputError, match="larger than 1000000 bytes, the most it may have"):
+    with pytest.raises(InputError, match="larger than 1000000 bytes, the most that a sweep file may have"):
         read_sweep(tmp_path / "large.toml")
     (tmp_path / "bytes.toml").write_bytes(b"\xff")
     with pytest.raises(InputError, match="byte 0 is not UTF-8"):

@@ -101,7 +101,7 @@ def test_missing_keys_take_their_defaults(tmp_path):
 
 
 def test_missing_file_is_a_sentence(tmp_path):
-    with pytest.raises(InputError, match=r"nowhere.toml: there is no such file\.$"):
+    with pytest.raises(InputError, match=r"nowhere.toml: there is no such run configuration\.$"):
         read_config(tmp_path / "nowhere.toml")
 
 

@@ -155,7 +155,7 @@ def test_more_actions_than_decisions_are_not_run_again(folder: Path) -> None:
 def test_a_checkpoint_larger_than_its_run_is_not_read(folder: Path) -> None:
     (path,) = list_checkpoints(folder / "checkpoints")
     sentence = refusal(read_checkpoint, path, 1000)
-    assert sentence == f"{path}: the file is larger than 1000 bytes, the most it may have."
+    assert sentence == f"{path}: larger than 1000 bytes, the most that a checkpoint may have."
     with path.open("r+b") as file:
         file.truncate(2**37)
     refusal(resumed, folder)

@@ -230,8 +230,8 @@ def _changed(source, target, **changes):
 @pytest.mark.parametrize(
     ("spoil", "sentence"),
     [
-        (lambda source, target: None, "there is no such file."),
-        (lambda source, target: target.mkdir(), "this is a directory; a file is needed here."),
+        (lambda source, target: None, "there is no such trajectory."),
+        (lambda source, target: target.mkdir(), "this is a directory; a trajectory is needed here."),
         (lambda source, target: target.write_text("hello"), "is no trajectory (File is not a zip file)."),
         (_truncated, "is no trajectory (File is not a zip file)."),
         (_damaged, "is no trajectory ("),
