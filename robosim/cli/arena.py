@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from robosim.cli.tables import console, print_json, print_table
+from robosim.errors import without_controls
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -77,8 +78,8 @@ class Check:
 
         arena = load_arena(self.file)
         print(
-            f"{self.file}: ok: {arena.columns} x {arena.rows} cells, room for {arena.capacity} robots, "
-            f"{arena.pellets.count} pellets"
+            f"{without_controls(self.file)}: ok: {arena.columns} x {arena.rows} cells, "
+            f"room for {arena.capacity} robots, {arena.pellets.count} pellets"
         )
 
 
@@ -164,7 +165,7 @@ def _show(arena: ArenaData, out: Console) -> None:
 
     out.print(Text(arena.name, style="bold"))
     if arena.description:
-        out.print(arena.description)
+        out.print("\n".join(map(without_controls, arena.description.splitlines())))
     out.print()
     for line in drawing(arena):
         coloured = Text.assemble(*((character, _STYLES.get(character, "default")) for character in line))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from robosim.cli.tables import aligned, written
-from robosim.errors import InputError
+from robosim.errors import InputError, without_controls
 
 if TYPE_CHECKING:
     from robosim.experiments.comparison import Comparison, Overall, Table
@@ -60,7 +60,7 @@ class Compare:
         tables, notes = marl_eval_tables(runs, self.metric) if self.marl_eval else ({}, [])
         print("\n".join(lines_of(comparison)), flush=True)
         for note in notes:
-            print(note)
+            print(without_controls(note))
         if self.json is not None:
             write_whole(self.json, json.dumps(comparison.as_record(), indent=2, allow_nan=False) + "\n")
             print(f"written: {self.json}")
@@ -103,7 +103,8 @@ def lines_of(comparison: Comparison) -> list[str]:
     if comparison.overall:
         count = sum(table.scale > 0.0 for table in comparison.tables)
         lines += [f"all {count} tasks, as shares of the baseline", *_overall_lines(comparison.overall), ""]
-    return [*lines, *comparison.notes] if comparison.notes else lines[:-1]
+    lines = [*lines, *comparison.notes] if comparison.notes else lines[:-1]
+    return list(map(without_controls, lines))
 
 
 def _task_lines(table: Table) -> list[str]:

@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from robosim.cli.progress import episodes_shown, progress
+from robosim.errors import without_controls
 
 if TYPE_CHECKING:
     from robosim.analysis.measure.monitor import TeamMonitor
     from robosim.control.card import Evaluation
     from robosim.control.controller import Controller
+    from robosim.envs.profile import ProfileConfig
     from robosim.envs.vector import VectorEnv
     from robosim.experiments.standings import Standing
 
@@ -250,8 +252,12 @@ def lines_of(standings: Sequence[Standing]) -> list[str]:
     length = (
         f"{first.episode_steps} decisions" if len(lengths) == 1 else "as many decisions as each arena says"
     )
-    profile = f", profile {first.profile.name or 'without a name'}" if first.profile else ""
+    profile = f", profile {_named(first.profile)}" if first.profile else ""
     return [f"{first.episodes} episodes each of {length}, seed {first.seed}{profile}:", *aligned(rows)]
+
+
+def _named(profile: ProfileConfig) -> str:
+    return without_controls(profile.name) or "without a name"
 
 
 def summary(evaluation: Evaluation) -> str:
@@ -259,10 +265,10 @@ def summary(evaluation: Evaluation) -> str:
     robots = "  ".join(f"{mean:.1f}" for mean in evaluation.per_robot)
     groups = "".join(f"  {group.name:<22}  {group.words()}\n" for group in evaluation.by_group)
     grid = " (grid world)" if evaluation.world == "grid" else ""
-    profile = f" (profile {evaluation.profile.name or 'without a name'})" if evaluation.profile else ""
+    profile = f" (profile {_named(evaluation.profile)})" if evaluation.profile else ""
     closest = f"\n  closest, centres        {min(evaluation.closest):.4f} m" if evaluation.closest else ""
     return (
-        f"{evaluation.controller} in {evaluation.arena}{grid}{profile}, {evaluation.robots} robots, "
+        f"{without_controls(evaluation.controller)} in {evaluation.arena}{grid}{profile}, {evaluation.robots} robots, "
         f"{evaluation.episodes} episodes of {evaluation.episode_steps} decisions:\n"
         f"  pellets per episode     {evaluation.mean:.1f} (standard deviation {evaluation.std:.1f})\n"
         f"  of each robot           {robots}\n"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from robosim.cli.tables import aligned, markdown, written
-from robosim.errors import InputError, nearest_names, shown
+from robosim.errors import InputError, nearest_names, shown, without_controls
 
 if TYPE_CHECKING:
     from robosim.experiments.leaderboard import Entry
@@ -106,7 +106,8 @@ def lines_of(board: Board, in_markdown: bool = False) -> list[str]:
             lines += [f"## {task}", "", *markdown(rows), ""]
         else:
             lines += [f"{task}:", *aligned(rows), ""]
-    return [*lines, *board.notes] if board.notes else lines[:-1]
+    lines = [*lines, *board.notes] if board.notes else lines[:-1]
+    return list(map(without_controls, lines))
 
 
 def _cells(entry: Entry) -> tuple[str, ...]:

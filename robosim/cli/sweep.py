@@ -14,6 +14,7 @@ import tyro
 
 from robosim.cli.program import hint
 from robosim.cli.tables import print_json
+from robosim.errors import without_controls
 
 if TYPE_CHECKING:
     from robosim.experiments import sweep
@@ -88,7 +89,7 @@ class Sweep:
         done = len(plan.jobs) - len(summary.failures)
         print(f"{_counted(done, 'run')} done, {_skipped(plan)} skipped; results in {results}")
         for failure in summary.failures:
-            print(f"{labels[failure.job.key]}: {failure.reason.strip()}", file=sys.stderr)
+            print(f"{without_controls(labels[failure.job.key])}: {_lines(failure.reason)}", file=sys.stderr)
         if summary.failures:
             raise IncompleteError(
                 f"{_counted(len(summary.failures), 'run')} failed; the same command tries again."
@@ -117,7 +118,7 @@ class Sweep:
             print_json([_record(run, state) for run, state in zip(plan.runs, states, strict=True)])
             return
         for run, state in zip(plan.runs, states, strict=True):
-            print(f"{state:<8} {run.label}{f': {run.skip}' if run.skip else ''}")
+            print(without_controls(f"{state:<8} {run.label}{f': {run.skip}' if run.skip else ''}"))
         counts = Counter(states)
         print(", ".join(f"{counts[state]} {state}" for state in ("done", "to do", "skipped")))
         done = [results[job.key] for job in plan.jobs if job.key in results]
@@ -145,6 +146,11 @@ def _record(run: sweep.Run, state: str) -> dict[str, Any]:
         "key": None if run.job is None else run.job.key,
         "why": run.skip or None,
     }
+
+
+def _lines(reason: str) -> str:
+    """Return why a run failed, which may be a traceback, in lines that steer no terminal."""
+    return "\n".join(map(without_controls, reason.strip().splitlines()))
 
 
 def _skipped(plan: sweep.Sweep) -> int:

@@ -6,6 +6,8 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from robosim.errors import without_controls
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -50,7 +52,8 @@ def written(estimate: Estimate | None, digits: int) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows as lines with cells below each other."""
+    """Return rows as lines with cells below each other; names in them may come from strangers."""
+    rows = [list(map(without_controls, row)) for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         ("  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))).rstrip()
@@ -60,5 +63,5 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 def markdown(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return rows, the first of which is the heading, as lines of a table in Markdown."""
-    heading, *body = ([cell.replace("|", "\\|") for cell in row] for row in rows)
+    heading, *body = ([without_controls(cell).replace("|", "\\|") for cell in row] for row in rows)
     return [f"| {' | '.join(cells)} |" for cells in (heading, ["---"] * len(heading), *body)]

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
+from robosim.errors import without_controls
 from robosim.experiments.forecast import Forecast, Running
 from robosim.experiments.jobs import Failure, Job
 from robosim.experiments.results import Result
@@ -103,7 +104,7 @@ class Display(Watch):
             self._bars.remove_task(one.bar)
         if isinstance(outcome, Failure):
             self._failed += 1
-            what = f"failed: {outcome.reason.strip().splitlines()[-1]}"
+            what = f"failed: {without_controls(outcome.reason.strip().splitlines()[-1])}"
         else:
             self._forecast.add(outcome)
             what = _figures(outcome)
@@ -134,7 +135,7 @@ class Display(Watch):
             self._bars.update(self._all, completed=self._done + part, text=text)
 
     def _label(self, job: Job) -> str:
-        return self._labels.get(job.key) or job.key[:16]
+        return without_controls(self._labels.get(job.key) or job.key[:16])
 
     def _line(self, text: str) -> None:
         self._console.print(text, highlight=False, soft_wrap=True, markup=False, emoji=False)

@@ -4,6 +4,7 @@ import itertools
 import json
 import os
 import resource
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from robosim.cli.main import main
+from robosim.control.policy import find_policy
 from robosim.experiments.runs import read_runs
 
 SHORT = ["evaluate", "lanes", "--arena", "paper", "--robots", "2", "--episodes", "2", "--steps", "20"]
@@ -36,6 +38,20 @@ def test_a_report_is_written_and_its_main_figures_are_printed(tmp_path, monkeypa
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out.json"]
     assert main(["play", "out/episodes/1.npz", "--save", "run.rrd"]) == 0
     assert "20 decisions" in capsys.readouterr().out
+
+
+def test_names_of_strangers_cannot_steer_the_terminal(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    team = "team\x1b[2J"
+    shutil.copytree(find_policy("paper-2"), team)
+    Path("own.toml").write_text('name = "calm\\u001b[31m\\u009b"\n[sensing]\ndropout = 0.1\n')
+    options = ["--profile", "own.toml", "--episodes", "1", "--steps", "5"]
+    for teams in ([team], [team, "lanes"]):
+        assert main(["evaluate", *teams, *options]) == 0
+        shown = capsys.readouterr().out
+        assert "team?[2J" in shown
+        assert "profile calm?[31m?" in shown
+        assert all(map(str.isprintable, shown.split("\n")))
 
 
 def test_without_a_report_nothing_is_watched_and_nothing_else_is_printed(capsys):

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from robosim.cli.main import main
+from tests.experiments import made
 
 PAGE = Path(__file__).parents[2] / "docs" / "leaderboard.md"
 
@@ -77,3 +78,14 @@ def test_an_evaluation_of_ones_own_stands_among_those_asked_for(tmp_path, capsys
 def test_what_there_is_not_is_a_sentence(options, sentence, capsys):
     assert main(["leaderboard", *options]) == 2
     assert capsys.readouterr() == ("", f"robosim: {sentence}\n")
+
+
+def test_names_in_records_of_strangers_cannot_steer_the_terminal(tmp_path, capsys):
+    evil = "my\x1b[2J\u009bteam"
+    (tmp_path / "mine\x1b.json").write_text(made.evaluation([3, 4], controller=evil).model_dump_json())
+    options = ["--records", str(tmp_path / "mine\x1b.json"), "--arena", "paper", "--robots", "2"]
+    assert main(["leaderboard", *options, "--markdown"]) == 0
+    shown = capsys.readouterr().out
+    assert "| my?[2J?team |" in shown
+    assert "| mine?.json |" in shown
+    assert all(map(str.isprintable, shown.split("\n")))

@@ -65,6 +65,19 @@ def test_a_dry_run_says_what_there_is_to_do_and_does_nothing(sweep, capsys):
     assert [path.name for path in sweep.parent.iterdir()] == ["mixed.toml"]
 
 
+def test_a_strangers_sweep_cannot_steer_the_terminal(tmp_path, capsys):
+    path = tmp_path / "odd.toml"
+    path.write_text(
+        '[options]\nworld = "grid"\n[vary]\ntechnique = ["lanes"]\nrobots = [2]\n'
+        'note = ["a\\u001b[2J\\u009b"]\n'
+        '[[where]]\nmatch = { robots = 2 }\nskip = "too\\u001b[31m many"\n'
+    )
+    assert main(["sweep", str(path), "--dry-run"]) == 0
+    shown = capsys.readouterr().out
+    assert "too?[31m many" in shown
+    assert all(map(str.isprintable, shown.split("\n")))
+
+
 def test_a_run_that_cannot_be_done_is_said_and_the_others_are_done_and_not_done_again(sweep, capsys):
     folder = sweep.parent
     out = ["--out", str(folder / "runs")]

@@ -17,7 +17,7 @@ JOBS = [
     )
     for seed in range(4)
 ]
-LABELS = {job.key: f"seed={number} [bold]" for number, job in enumerate(JOBS)}
+LABELS = {job.key: f"seed={number} [bold]\x1b[2J" for number, job in enumerate(JOBS)}
 
 
 def result(job):
@@ -35,7 +35,7 @@ def work(console):
         display.at(JOBS[1], 0.0)
         display.ended(JOBS[1], result(JOBS[1]))
         display.at(JOBS[1], 0.9)
-        display.ended(JOBS[2], Failure(JOBS[2], "Traceback\n  lines\nZeroDivisionError: x\n"))
+        display.ended(JOBS[2], Failure(JOBS[2], "Traceback\n  lines\nZeroDivisionError: x\x1b[2J\n"))
         display.begun(JOBS[3])
         display.ended(JOBS[3], result(JOBS[3]))
 
@@ -45,12 +45,12 @@ def test_in_a_pipe_there_is_a_line_for_each_job_that_begins_and_ends():
     work(Console(file=out, width=40))
     assert out.getvalue().splitlines() == [
         "1 of 4 runs were done before",
-        "begun: seed=1 [bold]",
-        "begun: seed=2 [bold]",
-        "2/4  seed=1 [bold]  3.5 pellets  60 s  left 1:00",
-        "3/4  seed=2 [bold]  failed: ZeroDivisionError: x  left 0:30",
-        "begun: seed=3 [bold]",
-        "4/4  seed=3 [bold]  3.5 pellets  60 s  left 0:00",
+        "begun: seed=1 [bold]?[2J",
+        "begun: seed=2 [bold]?[2J",
+        "2/4  seed=1 [bold]?[2J  3.5 pellets  60 s  left 1:00",
+        "3/4  seed=2 [bold]?[2J  failed: ZeroDivisionError: x?[2J  left 0:30",
+        "begun: seed=3 [bold]?[2J",
+        "4/4  seed=3 [bold]?[2J  3.5 pellets  60 s  left 0:00",
     ]
 
 
@@ -62,7 +62,7 @@ def test_in_a_terminal_there_is_a_bar_for_all_and_for_each_running_job():
         display.begun(JOBS[1])
         display.at(JOBS[1], 0.5)
     shown = out.getvalue()
-    assert "seed=1 [bold]" in shown
+    assert "seed=1 [bold]?[2J" in shown
     assert "50%" in shown
     assert "all runs" in shown
     assert "0/4  left " in shown

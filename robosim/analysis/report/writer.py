@@ -19,7 +19,7 @@ from robosim.analysis.report.page import page
 from robosim.analysis.report.tables import clog_table, flow_table, metrics_record, trip_table, visit_table
 from robosim.control.card import Evaluation
 from robosim.episodes.trajectory import LONGEST_POLICY, Trajectory
-from robosim.errors import InputError
+from robosim.errors import InputError, without_controls
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,10 @@ def write_report(folder: Path, watched: Watched) -> Path:
         _write_table(flow_table(episodes), part / "flow.parquet")
         (part / "episodes").mkdir()
         for number, trajectory in enumerate(watched.trajectories):
-            named = replace(trajectory, policy=trajectory.policy or _printable(watched.evaluation.controller))
+            named = replace(
+                trajectory,
+                policy=trajectory.policy or without_controls(watched.evaluation.controller)[:LONGEST_POLICY],
+            )
             file = f"episodes/{number}.npz"
             try:
                 named.save(part / file)
@@ -74,7 +77,3 @@ def _write_table(table: pa.Table, path: Path) -> None:
     buffer = pa.BufferOutputStream()
     pq.write_table(table, buffer)
     path.write_bytes(buffer.getvalue())
-
-
-def _printable(name: str) -> str:
-    return "".join(letter if letter.isprintable() else "?" for letter in name)[:LONGEST_POLICY]
