@@ -2,11 +2,13 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 from matplotlib import image
 
 from robosim.cli.main import main
+from robosim.experiments.runs import read_runs
 from robosim.experiments.statistics import LEAST_RUNS
 from tests.experiments import made
 
@@ -79,16 +81,19 @@ def test_scores_of_few_seeds_are_printed(tmp_path, capsys):
 
 
 def test_names_in_results_of_strangers_cannot_steer_the_terminal(given, tmp_path, capsys):
-    results, evil = tmp_path / "sweep.jsonl", "la\x1b[2J\u009b31m\u202enes\r"
+    results, evil = tmp_path / "sweep.jsonl", "la\x1b[2J\u009b31m\u202enes\r$\\bad$"
     results.write_text(results.read_text().replace('"lanes"', json.dumps(evil)))
     made.result(tmp_path / "more.jsonl", "ia2c", 0, [1, 2], 4)
     made_up = made.evaluation([3, 4], controller=evil, world="physics").changed(arena=evil)
     (tmp_path / "one.json").write_text(made_up.model_dump_json())
     files = [*given, str(tmp_path / "one.json"), str(tmp_path / "more.jsonl")]
     assert main(["compare", *files, "--marl-eval", str(tmp_path / "marl.json")]) == 0
+    assert all(
+        run.system.isprintable() and str(run.task).isprintable() for run in read_runs(map(Path, files))
+    )
     shown = capsys.readouterr().out
-    assert "  la?[2J?31m?nes?  3 " in shown
-    assert "la?[2J?31m?nes?, 2 robots, episodes of 300 decisions: pellets per episode" in shown
+    assert "  la?[2J?31m?nes?$\\bad$  3 " in shown
+    assert "la?[2J?31m?nes?$\\bad$, 2 robots, episodes of 300 decisions: pellets per episode" in shown
     assert all(map(str.isprintable, shown.split("\n")))
 
 

@@ -68,6 +68,7 @@ CAUSES: dict[Cause, Fill] = {
 _LOOK: dict[RcKeyType, Any] = {
     "font.family": ["DejaVu Sans"],  # comes with matplotlib, so a figure is the same everywhere
     "font.size": 8.0,
+    "text.parse_math": False,  # a dollar in a name is a dollar
     "axes.titlesize": 8.0,
     "axes.labelsize": 8.0,
     "xtick.labelsize": 8.0,
