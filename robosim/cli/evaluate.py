@@ -268,8 +268,9 @@ def summary(evaluation: Evaluation) -> str:
     profile = f" (profile {_named(evaluation.profile)})" if evaluation.profile else ""
     closest = f"\n  closest, centres        {min(evaluation.closest):.4f} m" if evaluation.closest else ""
     return (
-        f"{without_controls(evaluation.controller)} in {evaluation.arena}{grid}{profile}, {evaluation.robots} robots, "
-        f"{evaluation.episodes} episodes of {evaluation.episode_steps} decisions:\n"
+        f"{without_controls(evaluation.controller)} in {evaluation.arena}{grid}{profile}, "
+        f"{evaluation.robots} robots, {evaluation.episodes} episodes of "
+        f"{evaluation.episode_steps} decisions:\n"
         f"  pellets per episode     {evaluation.mean:.1f} (standard deviation {evaluation.std:.1f})\n"
         f"  of each robot           {robots}\n"
         f"{groups}"

@@ -18,7 +18,7 @@ from robosim.control.policy import RUN_RECORD, check_run
 from robosim.envs.config import MOST_CONFIG, MOST_STEPS, EnvConfig
 from robosim.envs.profile import CHANGED, ProfileConfig, load_profile
 from robosim.equality import EqualByValue
-from robosim.errors import InputError, plain, printable, shown, whole_number
+from robosim.errors import InputError, printable, shown, whole_number, without_controls
 from robosim.experiments.jobs import CONFIG_FILE as JOB_FILE
 from robosim.experiments.jobs import WORK_FOLDER
 from robosim.experiments.results import Result, read_results
@@ -190,7 +190,7 @@ def _require_same(what: str, runs: Sequence[Run], named: Callable[[Run], tuple[s
 def _system(run: Run, differing: Iterable[str]) -> str:
     options = [f"{name}={_written(run.options[name])}" for name in differing if name in run.options]
     # It becomes a row, a key and a label, and may be a stranger's.
-    return plain(" ".join([run.technique, *options]))
+    return without_controls(" ".join([run.technique, *options]))
 
 
 def _written(value: Any) -> str:
@@ -299,7 +299,7 @@ def _evaluated(evaluation: Evaluation, source: str, **fields: Any) -> Run:
         TOUCHES: tuple(map(float, evaluation.collisions)),
     }
     profile, text = _effective(evaluation.profile)
-    arena = plain(evaluation.arena)
+    arena = without_controls(evaluation.arena)
     task = Task(arena, evaluation.world, evaluation.episode_steps, evaluation.robots, profile)
     return Run(
         source=source, task=task, figures=figures, delivered=evaluation.delivered, profile=text, **fields
@@ -350,7 +350,7 @@ def _effective(profile: ProfileConfig | None) -> tuple[str, str]:
     bare = profile.changed(name="", description="")
     if bare == ProfileConfig():
         return "", ""
-    return plain(profile.name) or _UNNAMED, bare.model_dump_json()
+    return without_controls(profile.name) or _UNNAMED, bare.model_dump_json()
 
 
 @cache
