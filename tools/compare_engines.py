@@ -2,6 +2,7 @@
 
     python tools/compare_engines.py                         # measure teams of paper and robotarium, print
     python tools/compare_engines.py paper-8 --seeds 0 1 2   # some teams only
+    python tools/compare_engines.py paper-8 --odometry 0.3  # robots that count the turns of their wheels
     python tools/compare_engines.py --known                 # print only what --out holds
 
 Every run is one episode, driven by `robosim.deploy.Controller` through readings and wheel speeds alone. Each
@@ -23,7 +24,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from robosim.arena import load_arena
 from robosim.control.policy import WEIGHTS_FILE, find_policy, load_policy, policy_names
 from robosim.deploy.controller import Controller
 from robosim.deploy.simulated import ENGINES, EngineKind, make_stand_in
+from robosim.envs.profile import ProfileConfig, load_profile
 from robosim.errors import InputError
 from robosim.files import whole_file
 from robosim.robot.drivers import STOP
@@ -66,26 +68,50 @@ def model(team: str) -> str:
     return fingerprint(model_text(arena, draws).encode())
 
 
-def about(team: str, engine: EngineKind, profile: str, seed: int, decisions: int) -> dict[str, Any]:
+class Noise(NamedTuple):
+    """What goes wrong in a run."""
+
+    profile: str = ""
+    """By its name; empty for nothing."""
+    odometry: float | None = None
+    """`SensingConfig.odometry`."""
+
+    @property
+    def config(self) -> ProfileConfig | None:
+        if not self.profile:
+            return None
+        profile = load_profile(self.profile)
+        if self.odometry is None:
+            return profile
+        return profile.changed(sensing=profile.sensing.changed(odometry=self.odometry))
+
+    def __str__(self) -> str:
+        if not self.profile:
+            return "exact"
+        return self.profile + ("" if self.odometry is None else f", odometry {self.odometry:g}")
+
+
+def about(team: str, engine: EngineKind, noise: Noise, seed: int, decisions: int) -> dict[str, Any]:
     """Return what a run depends on."""
-    return {
+    counted = {} if noise.odometry is None else {"odometry": noise.odometry}
+    return counted | {
         "team": team,
         "weights": weights(team),
         "engine": engine,
         "version": version(engine),
         "model": model(team) if engine == "mujoco" else "",
-        "profile": profile,
+        "profile": noise.profile,
         "seed": seed,
         "decisions": decisions,
     }
 
 
-def run(team: str, engine: EngineKind, profile: str, seed: int, decisions: int) -> dict[str, Any]:
+def run(team: str, engine: EngineKind, noise: Noise, seed: int, decisions: int) -> dict[str, Any]:
     """Drive an episode and return what came of it, counts over all robots."""
     policy = load_policy(team)
     controller = Controller(policy, name=team)
     config = controller.config.changed(profile=None, pellet_gradient=0.0)
-    robots = make_stand_in(engine, config, seed=seed, profile=profile or None)
+    robots = make_stand_in(engine, config, seed=seed, profile=noise.config)
     counts = dict.fromkeys(("touches", "wall_touches", "pellet_touches", "torn", "stopped"), 0)
     began = time.thread_time()
     for _ in range(decisions):
@@ -117,7 +143,11 @@ class Records:
         self.lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
     def find(self, wanted: dict[str, Any]) -> dict[str, Any] | None:
-        return next((line for line in self.lines if wanted.items() <= line.items()), None)
+        # A run without odometry says nothing of it.
+        wanted = {"odometry": None, **wanted}
+        return next(
+            (line for line in self.lines if wanted.items() <= ({"odometry": None} | line).items()), None
+        )
 
     def add(self, line: dict[str, Any]) -> None:
         self.lines.append(line)
@@ -127,14 +157,14 @@ class Records:
 
 
 def measure(records: Records, teams: list[str], options: argparse.Namespace) -> None:
-    cases = itertools.product(options.seeds, teams, ("", options.profile), options.engines)
-    for seed, team, profile, engine in cases:
-        what = about(team, engine, profile, seed, options.decisions)
+    noises = Noise(), Noise(options.profile, options.odometry)
+    for seed, team, noise, engine in itertools.product(options.seeds, teams, noises, options.engines):
+        what = about(team, engine, noise, seed, options.decisions)
         if records.find(what) is None:
-            line = what | run(team, engine, profile, seed, options.decisions)
+            line = what | run(team, engine, noise, seed, options.decisions)
             records.add(line)
             print(
-                f"seed {seed} {team:<18}{engine:<8}{profile or 'exact':<12}{line['pellets']:4d} pellets"
+                f"seed {seed} {team:<20}{engine:<8}{noise!s:<26}{line['pellets']:4d} pellets"
                 f"{line['touches']:7d} touches{line['torn']:4d} torn   {line['speed']:.1f} times real time",
                 flush=True,
             )
@@ -142,9 +172,11 @@ def measure(records: Records, teams: list[str], options: argparse.Namespace) -> 
 
 def table(records: Records, teams: list[str], options: argparse.Namespace) -> Iterator[str]:
     """Yield the table's lines: seeds that all cases of a team have."""
-    profile = options.profile
-    cases = [("pymunk", ""), ("mujoco", ""), ("pymunk", profile), ("mujoco", profile)]
-    heads = ["pymunk", "MuJoCo", "kept", f"pymunk, `{profile}`", f"MuJoCo, `{profile}`", "kept"]
+    exact, noise = Noise(), Noise(options.profile, options.odometry)
+    cases: list[tuple[EngineKind, Noise]] = [
+        ("pymunk", exact), ("mujoco", exact), ("pymunk", noise), ("mujoco", noise)
+    ]  # fmt: skip
+    heads = ["pymunk", "MuJoCo", "kept", f"pymunk, {noise}", f"MuJoCo, {noise}", "kept"]
     yield _line(["team", "seeds", *heads, "touches, in the same order"])
     yield "|---|---|---|---|---|---|---|---|---|"
     for team in teams:
@@ -152,7 +184,7 @@ def table(records: Records, teams: list[str], options: argparse.Namespace) -> It
             case: {
                 seed: found
                 for seed in options.seeds
-                if (found := records.find(about(team, *case, seed, options.decisions)))  # type: ignore[arg-type]
+                if (found := records.find(about(team, *case, seed, options.decisions)))
             }
             for case in cases
         }
@@ -189,6 +221,7 @@ def main() -> None:
     )
     parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES))
     parser.add_argument("--profile", default="robotarium", help="beside no profile at all")
+    parser.add_argument("--odometry", type=float, help="weight of a fix, for robots that count their wheels")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--decisions", type=int, default=1000)
     parser.add_argument("--known", action="store_true", help="print what --out holds, and measure nothing")
