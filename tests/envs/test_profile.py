@@ -246,6 +246,7 @@ def test_whatever_a_file_holds_it_is_a_sound_profile_or_one_sentence(table) -> N
         for part in (profile.motion, profile.sensing, profile.pheromones)
         for value in part.model_dump().values()
         for number in (value if isinstance(value, tuple) else (value,))
+        if number is not None
     ]
     assert all(math.isfinite(number) for number in numbers)
     assert ProfileConfig.from_table(profile.model_dump(mode="json"), "again") == profile

@@ -15,9 +15,10 @@ from robosim.envs.vector import VectorEnv
 from robosim.episodes.replay import replay
 from robosim.episodes.trajectory import load_trajectory
 from robosim.errors import InputError
+from robosim.playback.bodies import POSITION_GRID
 from robosim.playback.clogs import decisions_until_certain
 from robosim.playback.episode import record_episode, record_trajectory, widened
-from robosim.playback.writer import POSITION_GRID, REWARD_STEPS
+from robosim.playback.writer import REWARD_STEPS
 from tests.playback.reading import Reading, plain
 
 

