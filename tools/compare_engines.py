@@ -144,10 +144,8 @@ class Records:
 
     def find(self, wanted: dict[str, Any]) -> dict[str, Any] | None:
         # A run without odometry says nothing of it.
-        wanted = {"odometry": None, **wanted}
-        return next(
-            (line for line in self.lines if wanted.items() <= ({"odometry": None} | line).items()), None
-        )
+        alike = (line for line in self.lines if line.get("odometry") == wanted.get("odometry"))
+        return next((line for line in alike if wanted.items() <= line.items()), None)
 
     def add(self, line: dict[str, Any]) -> None:
         self.lines.append(line)
