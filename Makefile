@@ -55,7 +55,7 @@ coverage: $(STAMP)
 lint: $(STAMP)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
-	@$(BIN)/mypy robosim
+	@$(BIN)/mypy robosim tools examples
 	@$(BIN)/lint-imports
 
 docs: $(VENV)/.docs-installed

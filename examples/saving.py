@@ -39,7 +39,7 @@ def save_team(
     networks = len(biases[0])
     spec = NetworkSpec(
         inputs=env.layout.size,
-        hidden=[bias.shape[1] for bias in biases[:-1]],
+        hidden=tuple(bias.shape[1] for bias in biases[:-1]),
         actions=biases[-1].shape[1],
         of_robot=tuple(range(networks)) if networks > 1 else (0,) * env.robots,
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
@@ -34,7 +34,7 @@ def _profile() -> None:
     while training.step < options.steps // 5:
         training.advance()
 
-    spent: Counter[str] = Counter()
+    spent: defaultdict[str, float] = defaultdict(float)
 
     def timed(part: str, work: Callable[..., Any]) -> Callable[..., Any]:
         def run(*arguments: Any) -> Any:
@@ -53,7 +53,7 @@ def _profile() -> None:
     algorithm.observe = timed("storing experience", algorithm.observe)
     env.step = timed("environments", env.step)
     for space in env.world.spaces:
-        space.advance = timed("of which bare Space.step", space.advance)  # type: ignore[method-assign]
+        space.advance = timed("of which bare Space.step", space.advance)
     before, decisions, updates = time.thread_time(), training.step, learner.updates
     # Only to the end of the episode: the next one has new spaces.
     while training.step < options.steps and env.steps_taken < env.episode_steps - 1:
@@ -67,7 +67,7 @@ def _profile() -> None:
         f"{1e6 * total / decisions:.0f} us a joint decision\n"
     )
     print("| part | us a joint decision | share |\n|---|---|---|")
-    for part, seconds in spent.most_common():
+    for part, seconds in sorted(spent.items(), key=lambda part: -part[1]):
         print(f"| {part} | {1e6 * seconds / decisions:.0f} | {seconds / total:.0%} |")
         if part == "environments":
             print(f"| - of which bare `Space.step` | {1e6 * solver / decisions:.0f} | {solver / total:.0%} |")

@@ -11,6 +11,7 @@ import argparse
 import multiprocessing
 import resource
 import time
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,9 @@ ENVS = 8
 SIZE = 42
 """Numbers in an observation of the expanded encoding without pheromones."""
 ACTIONS = 5
-OPTIONS = {"madqn": {"warmup": 0, "return_steps": 1, "updates_per_step": 1.0 / ENVS}}
+OPTIONS: dict[str, dict[str, Any]] = {
+    "madqn": {"warmup": 0, "return_steps": 1, "updates_per_step": 1.0 / ENVS}
+}
 """With which a decision of all environments is followed by one update, where that needs any."""
 
 

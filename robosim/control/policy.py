@@ -187,7 +187,12 @@ def save_policy(folder: Path, weights: Weights, card: PolicyCard) -> None:
             (fresh / CARD_FILE).write_bytes(text)
             if folder.exists():
                 folder.rename(former)
-            fresh.rename(folder)
+            try:
+                fresh.rename(folder)
+            except BaseException:
+                if former.exists() and not folder.exists():
+                    former.rename(folder)
+                raise
     except OSError as error:
         raise InputError(f"{folder}: the policy cannot be written: {error.strerror or error}.") from error
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,28 @@ from robosim.world.motion import MotionDraws
 
 _PATIENCE = 5.0
 """Time that a worker is given to end by itself, s."""
+
+
+@overload
+def vector_env(
+    arena: EnvConfig | Arena | str | Path | None = None,
+    *,
+    num_envs: int = 1,
+    seed: int | Sequence[int] = 0,
+    workers: Literal[1] = 1,
+    **fields: Any,
+) -> VectorEnv: ...
+
+
+@overload
+def vector_env(
+    arena: EnvConfig | Arena | str | Path | None = None,
+    *,
+    num_envs: int = 1,
+    seed: int | Sequence[int] = 0,
+    workers: int,
+    **fields: Any,
+) -> VectorEnv | WorkerVectorEnv: ...
 
 
 def vector_env(

@@ -425,3 +425,19 @@ def test_no_bit_of_the_weights_changes_unnoticed(folder, data):
     sentence = refused(folder)
     path.write_bytes(whole)
     assert sentence == "/policy.safetensors: not the weights of this card: their SHA-256 is another."
+
+
+def test_a_policy_stays_when_the_new_one_cannot_take_its_place(folder, card, weights_of, monkeypatch):
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    rename = type(folder).rename
+
+    def full(path, target):
+        if path.name == "new":
+            raise OSError(28, "No space left on device")
+        return rename(path, target)
+
+    monkeypatch.setattr(type(folder), "rename", full)
+    with pytest.raises(InputError, match=r"mine: the policy cannot be written: No space left on device\.$"):
+        save_policy(folder, weights_of(card), card)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert [path.name for path in folder.parent.iterdir()] == ["mine"]

@@ -141,6 +141,7 @@ def learn(method: str, seed: int, decisions: int, path: Path) -> tuple[Act, list
             if team.replay.can_sample(settings["batch_size"]):
                 team.learner.train(team.replay.sample(settings["batch_size"]), done, episodes)
     decision = 0
+    batch: Any = None
 
     def act(observation: NDArray[np.float32], begins: bool) -> NDArray[np.int64]:
         nonlocal decision, batch
@@ -153,5 +154,4 @@ def learn(method: str, seed: int, decisions: int, path: Path) -> tuple[Act, list
         decision += 1
         return np.asarray(outputs.argmax(dim=-1).numpy())
 
-    batch: Any = None
     return act, spread.returns, {"num_envs": spread.num_envs, **settings}

@@ -82,7 +82,7 @@ class Spread:
         uncovered = to_landmarks.min(axis=2).sum(axis=1)
         between = np.linalg.norm(self._position[:, :, None] - self._position[:, None], axis=-1)
         collisions = (between < _CONTACT_DISTANCE).sum(axis=2) - 1
-        return -(1 - LOCAL_RATIO) * uncovered[:, None] - LOCAL_RATIO * collisions
+        return np.asarray(-(1 - LOCAL_RATIO) * uncovered[:, None] - LOCAL_RATIO * collisions)
 
     def _observe(self) -> NDArray[np.float32]:
         landmarks = self._landmark[:, None] - self._position[:, :, None]
@@ -120,6 +120,7 @@ def difference_to_mpe2(episodes: int, seed: int) -> float:
 
     theirs = simple_spread_v3.parallel_env(N=ROBOTS, local_ratio=LOCAL_RATIO, max_cycles=EPISODE)
     ours, rng, most = Spread(1), np.random.default_rng(seed), 0.0
+    ended: dict[str, bool] = {}
     for episode in range(episodes):
         seen, _ = theirs.reset(seed=seed + episode)
         observation = ours.reset([seed + episode])
