@@ -1,4 +1,4 @@
-"""`robosim leaderboard`: what methods deliver, by arena and team size."""
+"""`robosim leaderboard`: what systems deliver, by arena and team size."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from robosim.experiments.leaderboard import Entry
     from robosim.experiments.leaderboard import Leaderboard as Board
 
-_COLUMNS = ("rank", "method", "kind", "seeds", "learned", "pellets, 95 % interval", "of lanes", "from")
+_COLUMNS = ("rank", "system", "kind", "seeds", "learned", "pellets, 95 % interval", "of lanes", "from")
 
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """Rank methods by the pellets that their teams deliver: arena by arena, team size by team size."""
+    """Rank systems by the pellets that their teams deliver: arena by arena, team size by team size."""
 
     records: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE...")] = ()
     """Results of your own, beside those of robosim: files of sweeps, run folders or folders with some below
@@ -113,7 +113,7 @@ def lines_of(board: Board, in_markdown: bool = False) -> list[str]:
 def _cells(entry: Entry) -> tuple[str, ...]:
     return (
         "-" if entry.rank is None else str(entry.rank),
-        entry.method,
+        entry.system,
         entry.kind,
         str(entry.seeds),
         "-" if entry.steps is None else f"{entry.steps:,}",

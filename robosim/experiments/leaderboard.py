@@ -1,4 +1,4 @@
-"""The leaderboard: by arena and team size, what methods deliver, as records say it."""
+"""The leaderboard: by arena and team size, what systems deliver, as records say it."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ OURS = "robosim"
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A method in a task."""
+    """A system in a task."""
 
     task: Task
     rank: int | None
     """Among the ranked entries of the task, from 1; None for one team, which was chosen among several."""
-    method: str
+    system: str
     """Technique, with the options that tell it from others of it in the task, or the name of a team."""
     kind: Kind
     """Trained with several seeds; a script, which does not learn; or one finished team."""
@@ -89,7 +89,7 @@ def leaderboard(
     for source, runs in sources.items():
         whole = [group for group in _systems(runs) if source != OURS or len(group) >= LEAST_RUNS]
         few += len(runs) - sum(map(len, whole)) if source == OURS else 0
-        entries += [_entry(method, group, source) for method, group in _named(whole)]
+        entries += [_entry(system, group, source) for system, group in _named(whole)]
     entries += [replace(_entry(run.technique, [run], OURS), kind="one team") for run in shipped.values()]
     notes = (
         [f"{few} runs are left out: of their systems there are fewer than {LEAST_RUNS} seeds."] if few else []
@@ -138,7 +138,7 @@ def _options_of(run: Run) -> Iterator[tuple[str, str]]:
         yield name, value
 
 
-def _entry(method: str, runs: Sequence[Run], source: str) -> Entry:
+def _entry(system: str, runs: Sequence[Run], source: str) -> Entry:
     first, scores = runs[0], [score for run in runs if (score := run.score(PELLETS)) is not None]
     per_episode = np.array(first.figures[PELLETS], dtype=np.float64)
     scripted = first.technique in SCRIPTED
@@ -148,7 +148,7 @@ def _entry(method: str, runs: Sequence[Run], source: str) -> Entry:
     return Entry(
         task=first.task,
         rank=0 if scripted or len(runs) >= LEAST_RUNS else None,
-        method=method,
+        system=system,
         kind=kind,
         source=source,
         seeds=len(runs),
@@ -174,7 +174,7 @@ def _ranked(entries: Sequence[Entry], lanes: Mapping[Task, float]) -> list[Entry
     ordered = sorted(entries, key=lambda one: (one.task, -one.pellets.value))
     of_lanes = dict(lanes)
     for one in ordered:
-        if one.method == REFERENCE and one.source == OURS:
+        if one.system == REFERENCE and one.source == OURS:
             of_lanes[one.task] = one.pellets.value
     found, places = [], dict.fromkeys((one.task for one in ordered), 0)
     for one in ordered:

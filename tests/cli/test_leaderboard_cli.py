@@ -55,7 +55,7 @@ def test_an_evaluation_of_ones_own_stands_among_those_asked_for(tmp_path, capsys
     assert shown[4].startswith("single-lane, 2 robots, episodes of ")
     assert shown[6].split()[:2] == ["-", "single-lane-2"]
     entries = json.loads(out.read_text())["entries"]
-    assert [(one["method"], one["source"]) for one in entries] == [
+    assert [(one["system"], one["source"]) for one in entries] == [
         ("random", "mine.json"),
         ("single-lane-2", "robosim"),
     ]

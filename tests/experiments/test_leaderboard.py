@@ -29,7 +29,7 @@ def records(tmp_path):
 
 
 def rows(board, task=TASK):
-    return {entry.method: entry for entry in dict(board.by_task())[task]}
+    return {entry.system: entry for entry in dict(board.by_task())[task]}
 
 
 def test_methods_are_ranked_by_the_interquartile_mean_over_their_seeds(records):
@@ -60,7 +60,7 @@ def test_those_of_others_are_ranked_among_ours_and_one_team_stands_beside(record
         folder(runs / str(seed), "pqn", seed, [5, 7])
     team.write_text(evaluation([60, 66, 63], controller="mine").model_dump_json())
     board = leaderboard([records], {}, [theirs, runs, team])
-    order = [(entry.rank, entry.method, entry.source, entry.kind) for entry in board.entries]
+    order = [(entry.rank, entry.system, entry.source, entry.kind) for entry in board.entries]
     assert order == [
         (None, "mine", "team.json", "one team"),
         (1, "ps-dqn", "theirs.jsonl", "trained"),
@@ -79,7 +79,7 @@ def test_records_of_one_name_in_two_folders_both_count(records, tmp_path):
         path.parent.mkdir(exist_ok=True)
         for seed in range(3):
             result(path, "pqn", seed, [50 + number, 50 + number], steps=400)
-    found = [entry for entry in leaderboard([records], {}, paths).entries if entry.method == "pqn"]
+    found = [entry for entry in leaderboard([records], {}, paths).entries if entry.system == "pqn"]
     assert [entry.source for entry in found] == [str(path) for path in reversed(paths)]
     assert len(rows(leaderboard([records], {}, paths))) == 5
 
@@ -97,7 +97,7 @@ def test_a_training_of_a_strange_length_is_a_sentence(records, tmp_path):
 def test_a_policy_that_ships_stands_beside_with_the_share_on_its_card():
     card = read_card(find_policy("paper-4") / CARD_FILE)
     (entry,) = leaderboard([], {"paper-4": card, "none": card.changed(evaluation=None)}).entries
-    assert (entry.rank, entry.method, entry.kind) == (None, "paper-4", "one team")
+    assert (entry.rank, entry.system, entry.kind) == (None, "paper-4", "one team")
     assert entry.steps == card.training.steps
     assert entry.pellets.value == pytest.approx(card.evaluation.mean)
     assert entry.share == pytest.approx(card.share)
