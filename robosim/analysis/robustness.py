@@ -129,6 +129,14 @@ def _meaningful(env: VectorEnv) -> Iterator[Noise]:
             yield noise
 
 
+def require_pellets(reference: Evaluation) -> None:
+    """Raise IncompleteError for a team that delivers nothing even without the noises."""
+    if reference.mean == 0.0:
+        raise IncompleteError(
+            f"{reference.controller} delivers nothing even without noise, so there is no share to keep."
+        )
+
+
 def measure_robustness(
     controller: Controller,
     env: VectorEnv,
@@ -141,10 +149,7 @@ def measure_robustness(
     All run the same number of episodes from the same seed. `told` hears of every size. IncompleteError where
     the team delivers nothing even without them.
     """
-    if reference.mean == 0.0:
-        raise IncompleteError(
-            f"{reference.controller} delivers nothing even without noise, so there is no share to keep."
-        )
+    require_pellets(reference)
     base = env.config.profile or ProfileConfig()
     curves = []
     for noise in noises:

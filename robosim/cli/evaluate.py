@@ -53,8 +53,8 @@ class Evaluate:
     report: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
     """New folder to write a report on congestion to: a page, figures, tables, the episodes."""
     robustness: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
-    """New folder for what each noise alone costs the team: figure, table, JSON. Takes the time of about forty
-    evaluations."""
+    """New folder for what each noise alone costs a team, or several side by side: figure, tables, JSON. Takes
+    the time of about forty evaluations of each."""
 
     def run(self) -> None:
         """Evaluate and print the figures."""
@@ -91,7 +91,7 @@ class Evaluate:
         if self.report is not None and monitor is not None:
             self._write_report(self.report, result, monitor)
         if self.robustness is not None:
-            self._write_robustness(self.robustness, controller, env, result)
+            self._write_robustness(self.robustness, [(controller, env, result)])
 
     def _check_number_of_teams(self) -> None:
         from robosim.control.controller import SCRIPTED
@@ -103,11 +103,10 @@ class Evaluate:
                 "evaluate needs a team: a run folder of yours, a trained policy that `robosim policy list` "
                 f"names, or a scripted controller: {scripts}."
             )
-        for option, folder in (("--report", self.report), ("--robustness", self.robustness)):
-            if folder is not None and len(self.policy) > 1:
-                raise InputError(
-                    f"{option} is about one team, but {len(self.policy)} are given: evaluate them one by one."
-                )
+        if self.report is not None and len(self.policy) > 1:
+            raise InputError(
+                f"--report is about one team, but {len(self.policy)} are given: evaluate them one by one."
+            )
 
     def _environment(self, controller: Controller) -> VectorEnv:
         from robosim.control.environment import environment_for
@@ -136,46 +135,70 @@ class Evaluate:
             # Does it fit? To be said of the last team, too, before the first one's episodes.
             env.reset()
             controller.reset(env)
-        standings = []
+        results = []
         for controller, env in teams:
             with episodes_shown(env, self.episodes) as shown:
-                result = evaluate(controller, env, self.episodes, self.seed, watch=[shown])
-            standings.append(standing(result))
+                results.append(evaluate(controller, env, self.episodes, self.seed, watch=[shown]))
+        standings = [standing(result) for result in results]
         print("\n".join(lines_of(standings)), flush=True)
         if self.json is not None:
             records = [one.as_record() for one in standings]
             write_whole(self.json, json.dumps(records, indent=2, allow_nan=False) + "\n")
+        if self.robustness is not None:
+            studied = zip(teams, results, strict=True)
+            self._write_robustness(self.robustness, [(*team, result) for team, result in studied])
 
     def _check_robustness(self) -> None:
         """Say now, before the episodes run, what would keep the study from being written."""
         if self.robustness is not None:
-            import importlib
-
-            importlib.import_module("robosim.analysis.figures.rendering")
+            from robosim.analysis.figures.robustness import MOST_TEAMS
             from robosim.analysis.report.folder import require_folder
+            from robosim.errors import InputError
 
+            if len(self.policy) > MOST_TEAMS:
+                raise InputError(
+                    f"--robustness draws at most {MOST_TEAMS} teams, but {len(self.policy)} are given."
+                )
             require_folder(self.robustness)
 
     def _write_robustness(
-        self, folder: Path, controller: Controller, env: VectorEnv, reference: Evaluation
+        self, folder: Path, teams: Sequence[tuple[Controller, VectorEnv, Evaluation]]
     ) -> None:
+        """Measure the teams under each noise, one after the other, and write what was found."""
+        import json
+
         from robosim.analysis.figures.rendering import render
         from robosim.analysis.figures.robustness import draw_robustness
         from robosim.analysis.figures.style import look
         from robosim.analysis.report.folder import whole_folder
-        from robosim.analysis.robustness import Level, measure_robustness, noises_for, table_of
+        from robosim.analysis.robustness import (
+            Level,
+            measure_robustness,
+            noises_for,
+            require_pellets,
+            table_of,
+        )
 
         def tell(noise: str, level: Level) -> None:
             print(f"  {noise:<22}  {level.size:g}: {level.share:.2f} of the pellets", flush=True)
 
-        found = measure_robustness(controller, env, reference, noises_for(env), tell)
+        for _, _, reference in teams:
+            # Of the last team, too, before the study of the first, which takes long.
+            require_pellets(reference)
+        found = []
+        for controller, env, reference in teams:
+            if len(teams) > 1:
+                print(f"{reference.controller}:", flush=True)
+            found.append(measure_robustness(controller, env, reference, noises_for(env), tell))
         with look():
             figure = render(draw_robustness(found))
+        records = [one.model_dump(mode="json") for one in found]
         with whole_folder(folder) as part:
             (part / "robustness.png").write_bytes(figure.png)
             (part / "robustness.svg").write_bytes(figure.svg)
-            (part / "robustness.md").write_text(table_of(found), encoding="utf-8")
-            (part / "robustness.json").write_text(found.model_dump_json(indent=2) + "\n", encoding="utf-8")
+            (part / "robustness.md").write_text("\n".join(map(table_of, found)), encoding="utf-8")
+            text = json.dumps(records if len(records) > 1 else records[0], indent=2, allow_nan=False)
+            (part / "robustness.json").write_text(text + "\n", encoding="utf-8")
         print(f"  {'robustness':<22}  {folder / 'robustness.md'}")
 
     def _monitor(self) -> TeamMonitor | None:

@@ -95,7 +95,39 @@ def test_the_command_leaves_figure_table_and_json(tmp_path: Path, monkeypatch, c
     assert table == table_of(found)
     assert table.count("\n| l") == 2
     assert f"| {found.curves[0].levels[0].size:g}: {found.curves[0].levels[0].share:.2f} +- " in table
-    assert len(draw_robustness(found).axes) == 2
+    assert len(draw_robustness([found]).axes) == 2
     assert "lost fixes" in capsys.readouterr().out
     assert main([*command, "--robustness", str(out)]) == 2
     assert "this folder is not empty" in capsys.readouterr().err
+
+
+def test_several_teams_are_drawn_side_by_side(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(robustness, "NOISES", FEW[:1])
+    command = ["evaluate", "lanes", "active", "--robots", "4", "--world", "grid", "--episodes", "2"]
+    out = tmp_path / "out"
+    assert main([*command, "--steps", "150", "--seed", "7", "--robustness", str(out)]) == 0
+    both = json.loads((out / "robustness.json").read_text())
+    found = [Robustness.from_table(one, "robustness.json") for one in both]
+    assert [one.controller for one in found] == ["lanes", "active"]
+    env = grid()
+    assert found[0] == measure_robustness(LANES, env, evaluate(LANES, env, 2, 7), FEW[:1])
+    assert (out / "robustness.md").read_text() == "\n".join(map(table_of, found))
+    figure = draw_robustness(found)
+    (axes,) = figure.axes
+    for one, container in zip(found, axes.containers, strict=True):
+        (curve,) = one.curves
+        assert list(container.lines[0].get_ydata()) == [1.0, *(level.share for level in curve.levels)]
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    mean = sum(found[0].delivered) / 2
+    assert labels[0] == f"lanes ({mean:.1f} pellets)"
+    assert "active:" in capsys.readouterr().out
+
+
+def test_a_team_that_delivers_nothing_is_told_before_the_others_are_studied(tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    command = ["evaluate", "lanes", "random", "--world", "grid", "--episodes", "1", "--steps", "150"]
+    assert main([*command, "--robustness", str(out)]) != 0
+    told = capsys.readouterr()
+    assert "random delivers nothing even without noise" in told.err
+    assert "lost fixes" not in told.out
+    assert not out.exists()

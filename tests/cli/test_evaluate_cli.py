@@ -202,8 +202,8 @@ NO_TEAM = (
             "--report is about one team, but 2 are given: evaluate them one by one.",
         ),
         (
-            ["lanes", "active", "random", "--robustness", "out"],
-            "--robustness is about one team, but 3 are given: evaluate them one by one.",
+            ["lanes"] * 7 + ["--robustness", "out"],
+            "--robustness draws at most 6 teams, but 7 are given.",
         ),
         (["lanes", "nobody"], "no policy is named 'nobody', and there is no such folder: did you mean any?"),
         (
