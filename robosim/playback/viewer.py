@@ -27,6 +27,8 @@ PORT = 9090
 """Where a browser finds the viewer, unless something else is there; its data comes from the next port."""
 _PATIENCE = 30.0
 """How long a viewer may take to listen, s."""
+_GRACE = 5.0
+"""How long a viewer may take to end by itself, s."""
 
 Say = Callable[[str], None]
 
@@ -160,7 +162,13 @@ def _running(arguments: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
 
 def _end(viewer: subprocess.Popen[bytes]) -> None:
     viewer.terminate()
-    viewer.wait()
+    try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            viewer.wait(_GRACE)
+    finally:
+        # After a second Ctrl-C, too; one that has ended hears nothing of it.
+        viewer.kill()
+        viewer.wait()
 
 
 def start(arguments: Sequence[str], *, stays: bool = False) -> subprocess.Popen[bytes]:

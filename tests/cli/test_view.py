@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 
 from robosim.cli.main import main
 from robosim.cli.program import hint
+from robosim.playback import viewer
 
 NO_DISPLAY = "there is no display for the viewer's window: a browser can show it instead"
 
@@ -28,6 +30,14 @@ def headless() -> dict[str, str]:
     """Return the environment of a process that has no display."""
     hidden = {"DISPLAY", "WAYLAND_DISPLAY", "BROWSER"}
     return {name: value for name, value in os.environ.items() if name not in hidden}
+
+
+@pytest.fixture(autouse=True)
+def heard_interrupts() -> Iterator[None]:
+    """Let processes hear SIGINT: what a shell runs in the background, and its children, ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def free_port() -> int:
@@ -76,10 +86,21 @@ def test_without_a_display_or_by_choice_a_browser_is_served_on_this_machine_alon
                 assert "Rerun SDK-bundled web viewer" in page.read().decode()
             # 127.0.0.1, and nothing else.
             assert listening(port) == listening(port + 1) == {"0100007F"}
-        finally:
             process.send_signal(ending)
-        assert process.wait(timeout=20) == 0
+            assert process.wait(timeout=20) == 0
+        finally:
+            process.terminate()
     assert listening(port) == listening(port + 1) == set()
+
+
+def test_a_viewer_that_does_not_end_when_told_to_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viewer, "_GRACE", 0.2)
+    deaf = "import signal as s, time; s.signal(s.SIGTERM, s.SIG_IGN); print(1, flush=True); time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"1\n"
+        viewer._end(process)
+    assert process.returncode == -signal.SIGKILL
 
 
 def test_a_viewer_that_cannot_open_its_window_is_no_success(recorded: Path) -> None:
