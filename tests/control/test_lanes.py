@@ -33,6 +33,7 @@ def test_one_robot_on_paper_makes_the_trips_of_the_papers_table(trips_of_one) ->
     assert ((trips_of_one >= 44) & (trips_of_one <= 48)).all()
 
 
+@pytest.mark.slow
 def test_eight_robots_on_paper_do_seven_times_the_work_of_one(trips_of_one) -> None:
     trips = run("paper", 8, 3, 5000, seed=21).sum(axis=0)
     ratio = trips / trips_of_one.mean()
@@ -42,7 +43,13 @@ def test_eight_robots_on_paper_do_seven_times_the_work_of_one(trips_of_one) -> N
     assert (ratio >= 7.0).all()
 
 
-@pytest.mark.parametrize("name", arena_names())
+QUICK = ("paper", "single-lane", "relay")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in arena_names()],
+)
 def test_four_robots_on_every_arena_never_stand_still_for_good(name) -> None:
     """Something is delivered in each third of 1500 decisions, by every one of three teams."""
     trips = run(name, 4, 3, 1500, seed=5, parts=3)

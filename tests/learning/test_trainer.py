@@ -528,13 +528,13 @@ def flip_a_bit(path, bit=None):
 @pytest.mark.parametrize(
     "damage",
     [
-        "truncated",
+        pytest.param("truncated", marks=pytest.mark.slow),
         "emptied",
         "bit",
-        "of other networks",
+        pytest.param("of other networks", marks=pytest.mark.slow),
         "part missing",
-        "part cut",
-        "part's bit",
+        pytest.param("part cut", marks=pytest.mark.slow),
+        pytest.param("part's bit", marks=pytest.mark.slow),
         "part a pipe",
     ],
 )
