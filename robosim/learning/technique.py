@@ -41,6 +41,8 @@ _SHARED = {**_LOCAL, "stigmergy": True, "idle_cost": True, "parameters": "shared
 """All robots run one network, which does not choose blocked moves, and standing costs."""
 _FAR = {"discount": 0.98, "learning_rate": 3e-3}
 """Wheels move a robot by little in a decision: it has to look further ahead (docs/wheels.md)."""
+_COPIED = {"newcomer": "copy", "fine_tune": 0.9}
+"""With wheels even going straight has to be learned: newcomers that know how, and then all together."""
 _MANY = {"num_envs": 32}
 """What learns from its present policy's decisions alone wants much of them at a time (Yu 2022)."""
 
@@ -154,7 +156,7 @@ _OURS = (
             "fine_tune": 0.7,
         },
         "Ours: the paper's four ideas (own networks, stigmergy, team reward, curriculum) with our learner.",
-        _FAR,
+        {**_FAR, **_COPIED},
     ),
     # Without the noise of what others earn, and with no pay for going to and fro.
     Technique(
