@@ -29,6 +29,7 @@ class RewardConfig(Record):
             "sharing",
             "signed_distance",
             "idle_cost",
+            "idle_weight",
             "touch_cost",
             "spacing",
             "spacing_cost",
@@ -65,6 +66,9 @@ class RewardConfig(Record):
     """w_p."""
     delivery_weight: float = Field(default=0.4, ge=0, le=_LARGEST)
     """w_s."""
+    idle_weight: float | None = Field(default=None, ge=0, le=_LARGEST)
+    """With `idle_cost`, the weight of its charge; none for w_d. So the pay for distance can be small, which a
+    team that has learned hardly needs, and standing still costs."""
     touch_cost: float | None = Field(default=None, ge=0, le=_LARGEST)
     """Charged for a decision in which the robot, or the pellet it holds, touched another, whoever was under
     way and laden or not; the paper fines only who is under way and unladen."""
@@ -75,12 +79,14 @@ class RewardConfig(Record):
     """Charged in full where two centres meet, and evenly less up to `spacing`; the nearest robot counts."""
 
     @model_validator(mode="after")
-    def _spacing_whole(self) -> Self:
+    def _whole(self) -> Self:
         if (self.spacing is None) != (self.spacing_cost is None):
             given, missing = (
                 ("spacing_cost", "spacing") if self.spacing is None else ("spacing", "spacing_cost")
             )
             raise ValueError(f"{given} needs {missing}, too")
+        if self.idle_weight is not None and not self.idle_cost:
+            raise ValueError("idle_weight needs idle_cost, too")
         return self
 
 
@@ -114,7 +120,8 @@ def rewards(
     own = (config.distance_weight * config.distance) * paid
     own = own + (config.collision_weight * config.collision) * (collided & ~laden)
     if config.idle_cost:
-        own = own - (config.distance_weight * config.distance) * idle
+        weight = config.distance_weight if config.idle_weight is None else config.idle_weight
+        own = own - (weight * config.distance) * idle
     if config.touch_cost is not None:
         own = own - config.touch_cost * touching
     if config.spacing is not None and config.spacing_cost is not None and nearest is not None:

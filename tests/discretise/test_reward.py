@@ -192,10 +192,27 @@ def test_nobody_is_fined_for_standing_or_while_laden(name: str) -> None:
         held = moment.held
 
 
+def test_an_idle_weight_of_its_own_leaves_the_pay_for_distance_alone() -> None:
+    gained = np.array([[1.0, -0.5, 0.0]])
+    idle = np.array([[False, False, True]])
+    no, none = np.zeros((1, 3), dtype=np.bool_), np.zeros((1, 3), dtype=np.int64)
+    for weight, charge in ((None, 0.125), (0.3, 0.75), (0.0, 0.0)):
+        config = RewardConfig(
+            signed_distance=True, distance_weight=0.05, idle_cost=True, idle_weight=weight, kind="local"
+        )
+        got = rewards(config, gained, no, no, none, none, idle, no, None)
+        assert got.tolist() == [pytest.approx([0.125, -0.0625, -charge])]
+
+
 @pytest.mark.parametrize(
-    ("given", "missing"), [({"spacing": 0.2}, "spacing_cost"), ({"spacing_cost": 1.0}, "spacing")]
+    ("given", "missing"),
+    [
+        ({"spacing": 0.2}, "spacing_cost"),
+        ({"spacing_cost": 1.0}, "spacing"),
+        ({"idle_weight": 0.2}, "idle_cost"),
+    ],
 )
-def test_spacing_and_its_cost_go_together(given: dict[str, float], missing: str) -> None:
+def test_what_needs_another_says_so(given: dict[str, float], missing: str) -> None:
     with pytest.raises(InputError, match=f"reward: .*{next(iter(given))} needs {missing}, too"):
         RewardConfig.from_table(given, "reward")
 
