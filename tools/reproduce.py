@@ -100,6 +100,7 @@ SECTIONS = (
     Section("physics", "In physics", True, CURVES, (2, 4, 8), TOUCHES | WORK),
     Section("smadrl", "S-MADRL that scales", False, ("learning-curves",), (), TOUCHES),
     Section("scaling", "Eight robots and one", False),
+    Section("default", "Which technique by default?", False, (), (), TOUCHES),
     Section("gentle", "What gentleness costs", False, ("touches",), (), TOUCHES),
     Section("curriculum", "What the curriculum costs and brings", False),
     Section("stigmergy", "Does stigmergy help?", False),

@@ -29,6 +29,7 @@ POLICY = "policy:"
 _SIDE_BY_SIDE = 16
 """Episodes that run at once."""
 _RUN = "run"
+_COUNTING = ("technique", "seed", "temperature")
 
 
 class Measuring(Record):
@@ -45,16 +46,12 @@ class Measuring(Record):
 def learning_job(run: RunConfig, measuring: Measuring) -> Job:
     """Return the job of a team that learns as `run` says and is then measured.
 
-    Of the run's settings only technique and seed count: the others do not change what is learned.
+    Of the run's settings only these count: technique, seed, and the temperature at which the team draws its
+    actions, if it does. The others change neither what is learned nor what the team does.
     """
     table = run.model_dump(mode="json", exclude_none=True)
-    return Job(
-        table
-        | {
-            "run": {"technique": run.run.technique, "seed": run.run.seed},
-            "evaluation": _evaluation(measuring),
-        }
-    )
+    settings = {name: table["run"][name] for name in _COUNTING if name in table["run"]}
+    return Job(table | {"run": settings, "evaluation": _evaluation(measuring)})
 
 
 def measuring_job(team: str, env: EnvConfig, seed: int, measuring: Measuring) -> Job:

@@ -182,6 +182,21 @@ _OURS = (
     Technique("ps-a2c", "ia2c", _SHARED, "Ours: ps-dqn with an actor and a critic, one of each for all."),
     Technique("ps-ippo", "ppo", {**_SHARED, **_MANY}, "Ours: ps-dqn by PPO."),
     Technique(
+        "ps-ippo+",
+        "ppo",
+        {
+            **_SHARED,
+            **_MANY,
+            "discount": 0.98,
+            "learning_rate": 3e-3,
+            "touch_cost": 0.3,
+            "distance_weight": 0.05,
+            "idle_weight": 0.2,
+            "temperature": 0.3,
+        },
+        "Ours, for teams to use: ps-ippo that looks further ahead, is gentle, and draws its actions.",
+    ),
+    Technique(
         "ps-mappo",
         "ppo",
         {**_SHARED, **_MANY, "critic": "team"},

@@ -8,9 +8,10 @@ from robosim.cli.main import main
 from robosim.control.controller import make_controller
 from robosim.control.environment import environment_for
 from robosim.control.evaluate import evaluate
+from robosim.control.policy import read_policy
 from robosim.envs.config import EnvConfig
 from robosim.errors import InputError
-from robosim.experiments.jobs import run_job
+from robosim.experiments.jobs import ignore, run_job
 from robosim.experiments.team import Measuring, learning_job, measuring_job, work_off
 from robosim.learning.config import EVALUATION_SEED, child_seed, run_config
 from robosim.learning.metrics import read_metrics
@@ -38,12 +39,28 @@ def test_a_job_says_what_is_learned_and_how_it_is_measured_and_nothing_else(lear
     assert result.config["evaluation"] == {"episodes": 3, "steps": 120}
     same = TINY.with_options(checkpoint_every=0, record_every=0, workers=2, evaluation_episodes=0)
     assert learning_job(same, MEASURING).key == job.key
-    for other in ({"seed": 6}, {"steps": 601}, {"pheromone_radius": 1}, {"technique": "mine"}):
+    for other in (
+        {"seed": 6}, {"steps": 601}, {"pheromone_radius": 1}, {"technique": "mine"}, {"temperature": 0.5},
+    ):  # fmt: skip
         assert learning_job(TINY.with_options(**other), MEASURING).key != job.key
     assert learning_job(TINY, Measuring(episodes=4, steps=120)).key != job.key
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
     assert len(shares) > 10
+
+
+def test_a_team_that_is_to_draw_its_actions_draws_them_as_it_is_measured(learned, tmp_path):
+    _, result, _, _ = learned
+    drawing = learning_job(TINY.with_options(temperature=1000.0), MEASURING)
+    drawn = run_job(drawing, work_off, tmp_path, ignore)
+    assert drawn.config["run"] == {"technique": "iql+s", "seed": 5, "temperature": 1000.0}
+    spec = read_policy(drawing.folder(tmp_path) / "work" / "run" / "policy").card.network
+    assert spec.temperature == 1000.0
+    # What is learned is the same; the team moves about at random, so it meets itself and the walls elsewhere.
+    curves = [name for name in result.series if name.startswith("learned")]
+    assert curves
+    assert all(drawn.series[name] == result.series[name] for name in curves)
+    assert drawn.figures["touches"] != result.figures["touches"]
 
 
 def test_figures_are_those_of_robosim_evaluate(learned, tmp_path, capsys):

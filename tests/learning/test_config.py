@@ -227,6 +227,7 @@ def test_techniques_are_what_the_paper_and_we_say():
         "ps-pqn": ("pqn", "local", True, True, True, False, "shared", True),
         "ps-a2c": ("ia2c", "local", True, True, True, False, "shared", True),
         "ps-ippo": ("ppo", "local", True, True, True, False, "shared", True),
+        "ps-ippo+": ("ppo", "local", True, True, True, False, "shared", True),
         "ps-mappo": ("ppo", "local", True, True, True, False, "shared", True),
     }
     critics = {name: getattr(run_config(name).algorithm, "critic", None) for name in TECHNIQUES}
@@ -234,6 +235,7 @@ def test_techniques_are_what_the_paper_and_we_say():
         "mappo": "team",
         "ippo": "own",
         "ps-ippo": "own",
+        "ps-ippo+": "own",
         "ps-mappo": "team",
     }
     assert [
