@@ -364,14 +364,17 @@ def _described(config: Mapping[str, Any], place: str) -> dict[str, Any]:
     technique, seed = run.get("technique"), run.get("seed")
     if not isinstance(technique, str) or isinstance(seed, bool) or not isinstance(seed, int):
         raise InputError(f"{place}: run.technique and run.seed must be there, a text and a whole number.")
+    # Said by all runs, or one without would not be told from those with one.
     options: dict[str, Any] = {}
+    if "algorithm" in config:
+        options["temperature"] = run.get("temperature") or "none"
     learned_under = ""
     for group in _GROUPS:
         if group in config:
             table = _table(config, group, place)
             if group == "env":
                 profile, learned_under, changed = _learned_under(table.get("profile"), place)
-                # Said by all runs, or one without would not be told from those with one.
+                # As above: said by all runs.
                 table = {**table, "profile": changed}
                 options |= {"profile": profile} if "algorithm" in config else {}
             names = _NAMES.get(group, {})

@@ -112,6 +112,15 @@ def test_a_system_is_named_by_what_differs_within_a_task(tmp_path):
     ]
 
 
+def test_a_team_that_draws_its_actions_is_another_system(tmp_path):
+    made.folder(tmp_path / "a", "ps-dqn", 0, [4])
+    made.folder(tmp_path / "b", "ps-dqn", 0, [5], temperature=0.5)
+    assert [run.system for run in read_runs([tmp_path])] == [
+        "ps-dqn temperature=0.5",
+        "ps-dqn temperature=none",
+    ]
+
+
 def test_lists_and_switches_are_named_without_spaces_and_commas(tmp_path):
     made.folder(tmp_path / "a", "iql+s", 0, [4], hidden=(8, 16), mask=True)
     made.folder(tmp_path / "b", "iql+s", 0, [5], hidden=(8,), mask=False)
