@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, floor, log10
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,6 +20,10 @@ Floats = NDArray[np.float64]
 _MARKERS = "os^Dvp*X"
 _DASHES = ((0, ()), (0, (4, 2)), (0, (1, 1.5)))
 _PANEL_HEIGHT = 1.75
+_LEGEND_ROW = 0.17
+"""Height of a row of a legend, inches."""
+_FEW = 10.0
+"""Touches up to which an axis is linear, so that it has a place for none; logarithmic above."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,7 +122,7 @@ def performance_profiles(lines: Sequence[Line], systems: Systems, of: str) -> Fi
 
 def by_team_size(panels: Sequence[Panel], systems: Systems, metric: str) -> Figure:
     """Draw interquartile means with their intervals against the number of robots, a panel for each arena."""
-    figure, grid = _grid(len(panels), columns=2, height=2.4)
+    figure, grid = _grid(len(panels), columns=2, height=2.4, legend=systems)
     labelled: set[str] = set()
     for axes, panel in zip(grid, panels, strict=True):
         sizes = sorted({float(size) for line in panel.lines for size in line.x})
@@ -146,7 +150,7 @@ def by_team_size(panels: Sequence[Panel], systems: Systems, metric: str) -> Figu
         axes.set_xlabel("robots")
         axes.set_ylim(bottom=0.0)
     grid[0].set_ylabel(f"{metric} per episode, IQM")
-    put_legend_above(figure, _legend_columns(systems.names, figure))
+    put_legend_above(figure, _legend_columns(systems.names, figure.get_figwidth()))
     return figure
 
 
@@ -154,8 +158,9 @@ def pellets_against_touches(panels: Sequence[Panel], systems: Systems) -> Figure
     """Draw a point for each run, its touches and its pellets in an episode, a panel for each task."""
 
     def finish(axes: Axes) -> None:
-        axes.set_xscale("symlog", linthresh=10.0)
-        axes.set_xlim(left=0.0)
+        axes.set_xscale("symlog", linthresh=_FEW)
+        axes.set_xlim(_decades(axes.dataLim.x0, axes.dataLim.x1))
+        axes.xaxis.set_major_formatter(lambda value, _: _thousands(value))
         axes.set_ylim(bottom=0.0)
 
     return _panels(
@@ -220,7 +225,7 @@ def _panels(
     """Draw panels that share what their axes show, and one legend for all; lines with bands by default."""
     columns = 4 if len(panels) > 3 else len(panels)
     height = 2.2 if len(panels) == 1 else _PANEL_HEIGHT
-    figure, grid = _grid(len(panels), columns, height)
+    figure, grid = _grid(len(panels), columns, height, systems)
     labelled: set[str] = set()
     for axes, panel in zip(grid, panels, strict=True):
         for line in panel.lines:
@@ -229,19 +234,27 @@ def _panels(
         finish(axes)
     if len(panels) == 1:
         grid[0].set_xlabel(x)
-        grid[0].set_ylabel(y)
     else:
         figure.supxlabel(x, fontsize=8.0)
-        figure.supylabel(y, fontsize=8.0)
-    put_legend_above(figure, _legend_columns(systems.names, figure))
+    for first in grid[::columns]:
+        first.set_ylabel(y)  # beside the axes: in the middle of the figure it would run into the legend
+    put_legend_above(figure, _legend_columns(systems.names, figure.get_figwidth()))
     return figure
 
 
-def _grid(count: int, columns: int, height: float) -> tuple[Figure, list[Axes]]:
-    """Return a figure with `count` axes, a column wide for one and a page wide for more."""
+def _grid(
+    count: int, columns: int, height: float, legend: Systems | None = None
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with `count` axes, a column wide for one and a page wide for more.
+
+    It is so high that the axes keep their `height` below the legend of those systems.
+    """
     rows = ceil(count / columns)
     width = COLUMN if count == 1 else PAGE
-    figure = Figure(figsize=(width, 0.5 + rows * height))
+    above = 0.0
+    if legend is not None:
+        above = _LEGEND_ROW * (ceil(len(legend.names) / _legend_columns(legend.names, width)) - 1)
+    figure = Figure(figsize=(width, 0.5 + above + rows * height))
     return figure, [figure.add_subplot(rows, min(columns, count), number + 1) for number in range(count)]
 
 
@@ -253,10 +266,18 @@ def _once(name: str, labelled: set[str]) -> str | None:
     return name
 
 
-def _legend_columns(names: Sequence[str], figure: Figure) -> int:
-    """Return how many entries of a legend stand beside each other in the width of a figure."""
+def _legend_columns(names: Sequence[str], width: float) -> int:
+    """Return how many entries of a legend stand beside each other in `width` inches."""
     longest = max(map(len, names)) + 5
-    return max(1, min(len(names), int(15.5 * figure.get_figwidth() / longest)))
+    return max(1, min(len(names), int(15.5 * width / longest)))
+
+
+def _decades(least: float, most: float) -> tuple[float, float]:
+    """Return the powers of ten around these numbers of touches, the lower one 0 for few touches."""
+    return (
+        0.0 if least < _FEW else 10.0 ** floor(log10(least)),
+        10.0 ** max(ceil(log10(max(most, _FEW))), log10(_FEW) + 1.0),
+    )
 
 
 def _least_gap(values: Sequence[float]) -> float:

@@ -1,6 +1,13 @@
 import numpy as np
+import pytest
 
-from robosim.analysis.figures.comparison import Line, Panel, Systems, pellets_against_touches
+from robosim.analysis.figures.comparison import (
+    Line,
+    Panel,
+    Systems,
+    cumulative_pellets,
+    pellets_against_touches,
+)
 from robosim.analysis.figures.rendering import render
 from robosim.analysis.figures.style import look
 
@@ -27,3 +34,44 @@ def test_a_dollar_in_a_name_is_no_formula() -> None:
     with look():
         svg = render(pellets_against_touches([Panel("2 robots", lines)], Systems([lines[0].name]))).svg
     assert b"$\\bad$ &amp; &lt;b&gt;" in svg
+
+
+@pytest.mark.parametrize(
+    ("touches", "labels"),
+    [
+        ([0.0, 4.0], ["0", "10", "100"]),
+        ([3.0, 2500.0], ["0", "10", "100", "1k", "10k"]),
+        ([150.0, 900.0], ["100", "1k"]),
+        ([1500.0, 13000.0], ["1k", "10k", "100k"]),
+    ],
+)
+def test_touches_are_written_out_from_the_decade_of_the_least(
+    touches: list[float], labels: list[str]
+) -> None:
+    line = Line("calm", np.array(touches), np.array([90.0, 91.0]))
+    with look():
+        figure = pellets_against_touches([Panel("2 robots", [line])], Systems(["calm"]))
+        figure.draw_without_rendering()
+    (axes,) = figure.axes
+    low, high = axes.get_xlim()
+    shown = [
+        label.get_text()
+        for label, place in zip(axes.get_xticklabels(), axes.get_xticks(), strict=True)
+        if low <= place <= high
+    ]
+    assert shown == labels
+    assert low <= min(touches)
+    assert max(touches) <= high
+
+
+def test_axes_keep_their_height_below_a_long_legend() -> None:
+    def heights(count: int) -> list[float]:
+        names = [f"technique-{number}" for number in range(count)]
+        lines = [Line(name, np.array([0.0, 100.0]), np.array([0.0, 90.0])) for name in names]
+        panels = [Panel(f"{robots} robots", lines) for robots in (2, 4, 8)]
+        with look():
+            figure = cumulative_pellets(panels, Systems(names))
+            figure.draw_without_rendering()
+        return [axes.get_position().height * figure.get_figheight() for axes in figure.axes]
+
+    assert heights(40) == pytest.approx(heights(4), rel=0.05)
