@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from robosim.arena import load_arena
-from robosim.control.policy import WEIGHTS_FILE, find_policy, load_policy, policy_names
+from robosim.control.policy import find_policy, load_policy, policy_names, team_digest
 from robosim.deploy.controller import Controller
 from robosim.deploy.simulated import ENGINES, EngineKind, make_stand_in
 from robosim.envs.profile import ProfileConfig, load_profile
@@ -55,7 +55,7 @@ def fingerprint(content: bytes) -> str:
 
 @cache
 def weights(team: str) -> str:
-    return fingerprint((find_policy(team) / WEIGHTS_FILE).read_bytes())
+    return team_digest(find_policy(team))[:12]
 
 
 @cache

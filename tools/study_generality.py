@@ -13,7 +13,6 @@ without any delivery, in decisions, of the team and of `lanes`.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import sys
 from collections.abc import Iterator
@@ -28,7 +27,7 @@ from robosim.control.card import Evaluation
 from robosim.control.controller import Controller, make_controller
 from robosim.control.environment import environment_for
 from robosim.control.evaluate import evaluate
-from robosim.control.policy import WEIGHTS_FILE, find_policy, load_policy, policy_names
+from robosim.control.policy import find_policy, load_policy, policy_names, team_digest
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from robosim.files import whole_file
@@ -115,10 +114,10 @@ class Study:
 
 
 def _weights(name: str) -> str:
-    """Return a fingerprint of a policy's weights; none of a scripted controller's."""
+    """Return a fingerprint of a policy; none of a scripted controller."""
     if name == "lanes":
         return ""
-    return hashlib.sha256((find_policy(name) / WEIGHTS_FILE).read_bytes()).hexdigest()[:12]
+    return team_digest(find_policy(name))[:12]
 
 
 def specialists() -> dict[tuple[str, int], str]:

@@ -102,9 +102,18 @@ def _network(network: NetworkSpec) -> list[tuple[str, str]]:
         network.activation,
         *_NORMALISED[network.normalisation],
         *(["blocked moves are not chosen"] if network.mask else []),
-        *([] if network.temperature is None else [f"actions drawn at temperature {network.temperature:g}"]),
+        *_drawn(network),
     )
     return [("network", f"{sizes}, {owners}, stored as {network.precision}"), ("", ", ".join(makes))]
+
+
+def _drawn(network: NetworkSpec) -> list[str]:
+    """Say how actions are drawn, if they are."""
+    if network.temperature is None:
+        return []
+    standing = network.temperature_in_place
+    after = "" if standing is None else f", {standing:g} after a while in place"
+    return [f"actions drawn at temperature {network.temperature:g}{after}"]
 
 
 def _results(what: str, evaluation: Evaluation) -> list[tuple[str, str]]:

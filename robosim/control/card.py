@@ -14,7 +14,7 @@ from robosim.arena.model import Arena
 from robosim.arena.schema import RobotSection, TimingSection
 from robosim.control.html import evaluation_html
 from robosim.control.network import NetworkSpec, Weights, check_weights
-from robosim.discretise.observation import MoveGains, gain_columns
+from robosim.discretise.observation import MoveGains, gain_columns, in_place_column
 from robosim.envs.config import EnvConfig
 from robosim.envs.profile import ProfileConfig
 from robosim.errors import InputError, printable, shown
@@ -248,6 +248,11 @@ class PolicyCard(Record):
         """Where an observation holds the gains of moves, as `gain_columns` returns it."""
         return gain_columns(self.observation, self.env.actions)
 
+    @property
+    def in_place(self) -> int | None:
+        """Where an observation says how long a robot has been in place, as `in_place_column` returns it."""
+        return in_place_column(self.observation)
+
     @model_validator(mode="after")
     def _check_whole(self) -> Self:
         network, robots = self.network, self.env.robots
@@ -265,6 +270,11 @@ class PolicyCard(Record):
             raise ValueError(
                 f"network.mask is {shown(True)}, but must be {shown(False)} where observations hold no gains "
                 "of moves"
+            )
+        if network.temperature_in_place is not None and self.in_place is None:
+            raise ValueError(
+                f"network.temperature_in_place is {shown(network.temperature_in_place)}, but must be absent "
+                "where observations do not say how long a robot has been in place"
             )
         if "\n" not in self.env.arena:
             raise ValueError(f"env.arena is {shown(self.env.arena)}, but must be the text of an arena")

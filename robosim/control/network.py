@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from robosim.discretise.observation import MoveGains, blocked_moves
+from robosim.discretise.observation import STANDING, MoveGains, blocked_moves
 from robosim.errors import InputError, shown, whole_number
 from robosim.records import Many, Record
 from robosim.robot.drivers import FEWEST_ACTIONS
@@ -19,6 +19,8 @@ LEAST_SQUARE = 1e-5
 """Added to the mean square, or to the variance, by which hidden layers are normalised."""
 Activation = Literal["relu", "tanh"]
 Normalisation = Literal["none", "rms", "layer"]
+TEMPERATURES = ("temperature", "temperature_in_place")
+"""Fields of `NetworkSpec` that say how actions are drawn."""
 MOST_DECISIONS = 2**64 - 1
 """Up to which draws count the decisions of an episode."""
 MOST_OUTPUTS = 1_000_000
@@ -64,6 +66,10 @@ class NetworkSpec(Record):
     temperature: float | None = Field(default=None, ge=0.001, le=1000)
     """Actions are drawn, with the probabilities softmax(outputs / temperature), so that robots that stand in
     each other's way do not do the same for ever; none for the action of the largest output, every time."""
+    temperature_in_place: float | None = Field(default=None, ge=0.001, le=1000)
+    """Instead of `temperature`, for a robot that has stood for a while: of which the number `in place` of its
+    observation is `STANDING` or more. Robots that have come to a stand try something else; none for the same
+    temperature at all times."""
 
     @property
     def robots(self) -> int:
@@ -145,6 +151,11 @@ class NetworkSpec(Record):
                 f"temperature is {shown(self.temperature)}, but must be absent where output is "
                 f"{shown(self.output)}"
             )
+        if self.temperature is None and self.temperature_in_place is not None:
+            raise ValueError(
+                f"temperature_in_place is {shown(self.temperature_in_place)}, but must be absent "
+                "where temperature is"
+            )
         if self.mask and self.actions < FEWEST_ACTIONS:
             raise ValueError(
                 f"actions is {self.actions}, but must be at least {FEWEST_ACTIONS} "
@@ -162,10 +173,12 @@ class Networks:
         weights: Weights,
         gains: MoveGains | None = None,
         place: str = "weights",
+        in_place: int | None = None,
     ) -> None:
         """Take `weights` of the shapes `spec.shapes`.
 
         `gains` is where an observation holds the gains of moves (`gain_columns`); a spec with a `mask` needs
+        it. `in_place` is where it holds that number (`in_place_column`); `temperature_in_place` needs
         it. InputError, in one sentence that begins with `place`, for weights that do not fit or overflow.
         """
         check_weights(spec, weights, place)
@@ -174,7 +187,13 @@ class Networks:
                 f"mask is {shown(True)}, but must be {shown(False)} where observations hold no "
                 "gains of moves."
             )
+        if spec.temperature_in_place is not None and in_place is None:
+            raise InputError(
+                f"temperature_in_place is {shown(spec.temperature_in_place)}, but must be absent where "
+                "observations do not say how long a robot has been in place."
+            )
         self.spec = spec
+        self._in_place = in_place
         self._gains = gains if spec.mask else None
         # Rounded weights are widened once, here: products of float16 are slow and coarse on a CPU.
         wide = {name: np.asarray(weights[name], np.float32) for name in spec.shapes}
@@ -220,11 +239,19 @@ class Networks:
                     "these networks draw their actions."
                 )
             number = whole_number("decision", decision, 0, MOST_DECISIONS)
-            return drawn_actions(values, self.spec.temperature, draws(number, values.shape[:-1]))
+            return drawn_actions(values, self._temperature(observation), draws(number, values.shape[:-1]))
         chosen: NDArray[np.int64] = values.argmax(axis=-1)
         if not self.spec.joint:
             return chosen
         return np.stack(np.unravel_index(chosen, (self.spec.actions,) * self.spec.robots), axis=-1)
+
+    def _temperature(self, observation: Floats) -> Floats:
+        """Return the temperature at which each robot draws, [..., robots], or one for all, []."""
+        temperature = np.float32(self.spec.temperature)
+        if self.spec.temperature_in_place is None:
+            return np.asarray(temperature)
+        stands = observation[..., self._in_place] >= np.float32(STANDING)
+        return np.where(stands, np.float32(self.spec.temperature_in_place), temperature)
 
     def _forward(self, hidden: Floats) -> Floats:
         """Return [networks, batch, outputs] of inputs [networks, batch, inputs]; one network serves all."""
@@ -265,13 +292,14 @@ def _mixed(state: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return state ^ (state >> np.uint64(31))
 
 
-def drawn_actions(values: Floats, temperature: float, drawn: Floats) -> NDArray[np.int64]:
+def drawn_actions(values: Floats, temperature: float | Floats, drawn: Floats) -> NDArray[np.int64]:
     """Return actions [..., robots] of probability softmax(values / temperature), by numbers from `draws`.
 
-    `values` are [..., robots, actions]; one of minus infinity is never chosen, unless all are.
+    `values` are [..., robots, actions]; a `temperature` is one for all robots, or [..., robots]. A value of
+    minus infinity is never chosen, unless all are.
     """
     best = values.max(axis=-1, keepdims=True)
-    weights = np.exp((values - best) / np.float32(temperature))
+    weights = np.exp((values - best) / np.asarray(temperature, np.float32)[..., None])
     sums = np.cumsum(weights, axis=-1)
     # A draw is below 1, so the sum of all is never reached, and what adds nothing to it is never chosen.
     chosen: NDArray[np.int64] = (sums <= drawn[..., None] * sums[..., -1:]).sum(axis=-1)

@@ -48,7 +48,7 @@ class Policy:
         InputError, in one sentence that begins with `place`, if they do not fit the card.
         """
         self.card = card
-        self._networks = Networks(card.network, weights, card.gains, place)
+        self._networks = Networks(card.network, weights, card.gains, place, card.in_place)
         self._stored = {name: np.asarray(array, np.float32) for name, array in weights.items()}
 
     @property
@@ -138,6 +138,19 @@ def read_policy(folder: Path) -> Policy:
     card = read_card(folder / CARD_FILE)
     path = folder / WEIGHTS_FILE
     return Policy(_read_weights(path, card), card, str(path))
+
+
+def team_digest(folder: Path) -> str:
+    """Return the SHA-256 by which records know the team of a policy folder.
+
+    That of its weights; a card that lets robots in place draw otherwise counts, too, since the same weights
+    have shipped without. InputError for a folder that is not sound.
+    """
+    digest = hashlib.sha256((folder / WEIGHTS_FILE).read_bytes())
+    standing = read_card(folder / CARD_FILE).network.temperature_in_place
+    if standing is not None:
+        digest.update(f"temperature_in_place={standing}".encode())
+    return digest.hexdigest()
 
 
 def check_run(folder: Path) -> None:

@@ -60,7 +60,7 @@ def onnx_model(folder: Path, name: str = "") -> bytes:
     name = name or folder.resolve().name
     spec = policy.card.network
     weights = {key: array.astype(spec.precision) for key, array in policy.weights().items()}
-    graph = policy_graph(spec, weights, policy.card.gains, name)
+    graph = policy_graph(spec, weights, policy.card.gains, policy.card.in_place, name)
     model = helper.make_model(
         graph,
         producer_name="robosim",

@@ -15,7 +15,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from robosim.control.network import LEAST_SQUARE, NetworkSpec, Weights
 from robosim.deploy.runtime import ACTIONS, DRAWS, OBSERVATION, VALUES
-from robosim.discretise.observation import MoveGains
+from robosim.discretise.observation import STANDING, MoveGains
 
 OPSET = 18
 IR_VERSION = 10
@@ -45,14 +45,16 @@ class _Nodes:
         return name
 
 
-def policy_graph(spec: NetworkSpec, weights: Weights, gains: MoveGains | None, name: str) -> onnx.GraphProto:
+def policy_graph(
+    spec: NetworkSpec, weights: Weights, gains: MoveGains | None, in_place: int | None, name: str
+) -> onnx.GraphProto:
     """Return the graph of a whole policy.
 
     Its input is `observation`, float32 [batch, robots, size], and where actions are drawn `draws`, float32
     [batch, robots], numbers in [0, 1) such as those of `robosim.control.network.draws`. Its outputs are
     `actions`, int64 [batch, robots], and `values`, float32, as `Networks.outputs` returns them. `weights` are
     of the shapes `spec.shapes`; `gains` is where an observation holds the gains of moves, which a spec with a
-    `mask` needs.
+    `mask` needs, `in_place` where it says how long a robot has been in place, for `temperature_in_place`.
     """
     nodes = _Nodes()
     values = _forward(nodes, spec, weights, _arranged(nodes, spec))
@@ -63,7 +65,7 @@ def policy_graph(spec: NetworkSpec, weights: Weights, gains: MoveGains | None, n
         nodes.add("Where", _blocked(nodes, spec, gains), nothing, values, result=VALUES)
     else:
         nodes.add("Identity", values, result=VALUES)
-    _choose(nodes, spec)
+    _choose(nodes, spec, in_place)
     robots: int | str = "robots" if spec.shared else spec.robots
     rows: tuple[int | str, ...] = (BATCH,) if spec.joint else (BATCH, robots)
     make = helper.make_tensor_value_info
@@ -169,10 +171,10 @@ def _combined(nodes: _Nodes, spec: NetworkSpec, blocked: str) -> str:
     return combined
 
 
-def _choose(nodes: _Nodes, spec: NetworkSpec) -> None:
+def _choose(nodes: _Nodes, spec: NetworkSpec, in_place: int | None) -> None:
     """Choose the largest value, the first among equals as numpy does; or draw an action."""
     if spec.temperature is not None:
-        _draw(nodes, spec.temperature)
+        _draw(nodes, _temperature(nodes, spec, in_place))
         return
     result = "combination" if spec.joint else ACTIONS
     chosen = nodes.add("ArgMax", VALUES, result=result, axis=-1, keepdims=0, select_last_index=0)
@@ -183,11 +185,21 @@ def _choose(nodes: _Nodes, spec: NetworkSpec) -> None:
         nodes.add("Mod", digits, nodes.whole("base", spec.actions), result=ACTIONS)
 
 
-def _draw(nodes: _Nodes, temperature: float) -> None:
+def _temperature(nodes: _Nodes, spec: NetworkSpec, in_place: int | None) -> str:
+    """Return the temperature of all robots, or of each, [batch, robots, 1]."""
+    always = nodes.constant("temperature", np.array(spec.temperature, np.float32))
+    if spec.temperature_in_place is None or in_place is None:
+        return always
+    standing = nodes.constant("temperature_in_place", np.array(spec.temperature_in_place, np.float32))
+    number = nodes.add("Gather", OBSERVATION, nodes.whole("in_place", in_place), axis=2)
+    stands = nodes.add("GreaterOrEqual", number, nodes.constant("standing", np.array(STANDING, np.float32)))
+    return nodes.add("Where", stands, standing, always)
+
+
+def _draw(nodes: _Nodes, divisor: str) -> None:
     """Draw actions as `robosim.control.network.drawn_actions` does."""
     last = nodes.whole("actions_axis", -1)
     above = nodes.add("Sub", VALUES, nodes.add("ReduceMax", VALUES, last, keepdims=1))
-    divisor = nodes.constant("temperature", np.array(temperature, np.float32))
     weights = nodes.add("Exp", nodes.add("Div", above, divisor))
     sums = nodes.add("CumSum", weights, nodes.constant("summed_axis", np.array(-1, np.int64)))
     total = nodes.add("Slice", sums, last, nodes.whole("end", np.iinfo(np.int64).max), last)

@@ -24,6 +24,10 @@ COLLISIONS_FULL = 20
 IN_PLACE_CYCLE = 20
 """Decisions without displacement after which that number begins anew: a policy that answers every observation
 with one action stands still for ever once nothing that it observes changes, so one number always does."""
+IN_PLACE = "in place"
+"""Name of that number in an observation: the decisions of the cycle so far, as a share of it."""
+STANDING = 0.5
+"""The least of it at which a robot counts as standing: in the second half of every cycle."""
 _Array = TypeVar("_Array", bound=Any)
 _COMPASS = ("N", "S", "W", "E", "NW", "NE", "SW", "SE")
 
@@ -82,7 +86,7 @@ class ObservationLayout:
             own += [f"gain home {side}" for side in sides[:4]]
             own += [f"gain source {side}" for side in sides[:4]]
             axes = ("ahead", "left") if self.own_frame else ("x", "y")
-            own += ["pellet seen", *(f"pellet {axis}" for axis in axes), "in place"]
+            own += ["pellet seen", *(f"pellet {axis}" for axis in axes), IN_PLACE]
         own += [f"kind {kind}" for kind in self.kinds]
         if self.patch:
             side = range(-self.radius, self.radius + 1)
@@ -140,6 +144,11 @@ def gain_columns(names: Sequence[str], actions: ActionKind) -> MoveGains | None:
     columns = MoveGains(first[0], first[1], moves)
     held = [list(names[start : start + moves]) for start in first]
     return columns if held == [home, source] else None
+
+
+def in_place_column(names: Sequence[str]) -> int | None:
+    """Return where `IN_PLACE` is in an observation of these `names`; None where it is not."""
+    return names.index(IN_PLACE) if IN_PLACE in names else None
 
 
 def blocked_moves(observation: _Array, columns: MoveGains) -> _Array:

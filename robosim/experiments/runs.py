@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from robosim.arena import Arena, load_arena
 from robosim.control.card import MOST_BYTES, Evaluation, PolicyCard
+from robosim.control.network import TEMPERATURES
 from robosim.control.policy import RUN_RECORD, check_run
 from robosim.envs.config import MOST_CONFIG, MOST_STEPS, EnvConfig
 from robosim.envs.profile import CHANGED, ProfileConfig, load_profile
@@ -367,7 +368,7 @@ def _described(config: Mapping[str, Any], place: str) -> dict[str, Any]:
     # Said by all runs, or one without would not be told from those with one.
     options: dict[str, Any] = {}
     if "algorithm" in config:
-        options["temperature"] = run.get("temperature") or "none"
+        options |= {name: run.get(name) or "none" for name in TEMPERATURES}
     learned_under = ""
     for group in _GROUPS:
         if group in config:

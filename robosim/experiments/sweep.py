@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from robosim.arena import arena_names, load_arena
 from robosim.control.controller import SCRIPTED
+from robosim.control.network import TEMPERATURES
 from robosim.envs.config import EnvConfig
 from robosim.errors import InputError, nearest_names, refused, shown
 from robosim.experiments.jobs import Job
@@ -35,7 +36,6 @@ _MOST_VALUES = 1000
 _MOST_BYTES = 1_000_000
 _TECHNIQUE = "technique"
 _SEED = "seed"
-_TEMPERATURE = "temperature"
 _SCALAR = "a number, a text, true or false"
 _VALUE = f"{_SCALAR}, or a list of them"
 
@@ -202,7 +202,7 @@ def _check_value(place: str, name: str, value: object) -> None:
         raise refused(place, value, _VALUE)
     if name.startswith("evaluation_"):
         raise InputError(f"{place} cannot be given: [evaluation] says how teams are measured.")
-    if name in RunSettings.model_fields and name not in (_TECHNIQUE, _SEED, _TEMPERATURE):
+    if name in RunSettings.model_fields and name not in (_TECHNIQUE, _SEED, *TEMPERATURES):
         raise InputError(f"{place} cannot be given: a sweep runs each team in one process of its own.")
 
 

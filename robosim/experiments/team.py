@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +14,8 @@ from robosim.arena import arena_names, load_arena
 from robosim.control.controller import SCRIPTED, Controller, make_controller
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
-from robosim.control.policy import RUN_POLICY, WEIGHTS_FILE, find_policy, read_policy
+from robosim.control.network import TEMPERATURES
+from robosim.control.policy import RUN_POLICY, find_policy, read_policy, team_digest
 from robosim.envs.config import MOST_STEPS, EnvConfig
 from robosim.envs.profile import LONGEST_PROFILE, profile_text
 from robosim.envs.vector import VectorEnv
@@ -29,7 +29,7 @@ POLICY = "policy:"
 _SIDE_BY_SIDE = 16
 """Episodes that run at once."""
 _RUN = "run"
-_COUNTING = ("technique", "seed", "temperature")
+_COUNTING = ("technique", "seed", *TEMPERATURES)
 
 
 class Measuring(Record):
@@ -46,7 +46,7 @@ class Measuring(Record):
 def learning_job(run: RunConfig, measuring: Measuring) -> Job:
     """Return the job of a team that learns as `run` says and is then measured.
 
-    Of the run's settings only these count: technique, seed, and the temperature at which the team draws its
+    Of the run's settings only these count: technique, seed, and the temperatures at which the team draws its
     actions, if it does. The others change neither what is learned nor what the team does.
     """
     table = run.model_dump(mode="json", exclude_none=True)
@@ -67,8 +67,7 @@ def measuring_job(team: str, env: EnvConfig, seed: int, measuring: Measuring) ->
         "evaluation": _evaluation(measuring),
     }
     if team not in SCRIPTED:
-        weights = find_policy(team.removeprefix(POLICY)) / WEIGHTS_FILE
-        config["weights"] = hashlib.sha256(weights.read_bytes()).hexdigest()[:16]
+        config["weights"] = team_digest(find_policy(team.removeprefix(POLICY)))[:16]
     return Job(config)
 
 

@@ -81,6 +81,17 @@ class RunSettings(Record):
     temperature: float | None = Field(default=None, ge=0.001, le=1000)
     """The team that the run leaves draws its actions, with the probabilities softmax(outputs / temperature);
     none for the action of the largest output, every time."""
+    temperature_in_place: float | None = Field(default=None, ge=0.001, le=1000)
+    """Instead of `temperature`, for robots that have stood for a while; none for the same at all times."""
+
+    @model_validator(mode="after")
+    def _check_temperatures(self) -> Self:
+        if self.temperature is None and self.temperature_in_place is not None:
+            raise ValueError(
+                f"temperature_in_place is {shown(self.temperature_in_place)}, but must be absent "
+                "where temperature is"
+            )
+        return self
 
 
 class RunConfig(Record):

@@ -19,8 +19,9 @@ from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
 from robosim.control.network import NetworkSpec
 from robosim.control.policy import Policy, save_policy
+from robosim.discretise.observation import in_place_column
 from robosim.envs.vector import VectorEnv
-from robosim.errors import InputError, shown
+from robosim.errors import InputError, refused, shown
 from robosim.files import alone_in
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint, remove_checkpoints
 from robosim.learning.computing import one_thread
@@ -303,7 +304,17 @@ class _Run:
 
 def _spec_at_work(training: Training) -> NetworkSpec:
     """Return the networks of the team that a run leaves; InputError where they cannot act as it wants."""
-    return training.actors().spec.changed(temperature=training.config.run.temperature)
+    run = training.config.run
+    spec = training.actors().spec.changed(
+        temperature=run.temperature, temperature_in_place=run.temperature_in_place
+    )
+    if run.temperature_in_place is not None and in_place_column(training.env.layout.names) is None:
+        raise refused(
+            "temperature_in_place",
+            run.temperature_in_place,
+            "absent where observations do not say how long a robot has been in place",
+        )
+    return spec
 
 
 def evaluate_run(config: RunConfig, controller: LearnedController, seed: int) -> Evaluation:

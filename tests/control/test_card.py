@@ -224,6 +224,16 @@ def test_a_huge_card_is_refused(tmp_path):
     )
 
 
+def test_robots_draw_otherwise_in_place_only_where_they_observe_that_they_are(card):
+    network = card.network.changed(temperature=0.5, temperature_in_place=2.0)
+    with pytest.raises(InputError) as caught:
+        card.changed(network=network)
+    assert str(caught.value).endswith(
+        "network.temperature_in_place is 2.0, but must be absent where observations do not say how long a "
+        "robot has been in place."
+    )
+
+
 @settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(cut=st.integers(0, 6000), put=st.binary(max_size=4))
 def test_no_damage_ends_in_anything_but_a_sentence(tmp_path_factory, card_of, cut, put):

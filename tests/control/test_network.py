@@ -221,6 +221,10 @@ JOINT = {"output": "joint action values"}
             {"input": "team", "of_robot": [0], "inputs": 4, "output": "joint logits", "temperature": 0.5},
             'temperature is 0.5, but must be absent where output is "joint logits".',
         ),
+        (
+            {"temperature_in_place": 2.0},
+            "temperature_in_place is 2.0, but must be absent where temperature is.",
+        ),
         ({"temperature": 0.0}, "temperature is 0.0, but must be a number from 0.001 to 1000 or None."),
         ({"activation": "gelu"}, 'activation is "gelu", but must be "relu" or "tanh".'),
         ({"hidden": [4097]}, "hidden is 4097, but must be a list of 1 to 8 whole numbers from 1 to 4096."),
@@ -366,3 +370,22 @@ def test_a_low_temperature_chooses_the_best_and_any_needs_the_number_of_the_deci
     for decision in (1.5, -1, 2**64, "x", True):
         with pytest.raises(InputError, match="^decision is .*, but must be a whole number from 0 to"):
             warm.act(observation, decision)
+
+
+def test_a_robot_that_has_stood_for_a_while_draws_at_the_temperature_for_that():
+    spec = NetworkSpec(inputs=4, hidden=[8], of_robot=[0, 0, 0], temperature=0.05)
+    weights = weights_of(spec)
+    observation = np.random.default_rng(1).normal(size=(300, 3, 4)).astype(np.float32)
+    observation[..., 2] = np.random.default_rng(2).choice([0.0, 0.45, 0.5, 0.95], (300, 3))
+    stands = observation[..., 2] >= 0.5
+    both = Networks(spec.changed(temperature_in_place=5.0), weights, in_place=2).act(observation, 7)
+    moving = Networks(spec, weights).act(observation, 7)
+    standing = Networks(spec.changed(temperature=5.0), weights).act(observation, 7)
+    assert (both == np.where(stands, standing, moving)).all()
+    assert (standing != moving)[stands].any()
+    with pytest.raises(InputError) as caught:
+        Networks(spec.changed(temperature_in_place=5.0), weights)
+    assert str(caught.value) == (
+        "temperature_in_place is 5.0, but must be absent where observations do not say how long a robot has "
+        "been in place."
+    )

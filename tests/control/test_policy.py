@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import robosim.control.policy as policy_module
 from robosim.control.card import card_text
-from robosim.control.policy import Policy, load_policy, policy_names, save_policy
+from robosim.control.policy import Policy, load_policy, policy_names, save_policy, team_digest
 from robosim.errors import InputError, shown
 
 
@@ -441,3 +441,18 @@ def test_a_policy_stays_when_the_new_one_cannot_take_its_place(folder, card, wei
         save_policy(folder, weights_of(card), card)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     assert [path.name for path in folder.parent.iterdir()] == ["mine"]
+
+
+def test_records_know_a_team_by_its_weights_and_by_how_robots_in_place_draw(
+    tmp_path, folder, card, weights_of
+):
+    weights = hashlib.sha256((folder / "policy.safetensors").read_bytes()).hexdigest()
+    assert team_digest(folder) == weights
+    in_place = ("in place", *card.observation[1:])
+    digests = [weights]
+    for temperature, standing in ((0.5, None), (0.5, 2.0), (0.5, 3.0)):
+        network = card.network.changed(temperature=temperature, temperature_in_place=standing)
+        save_policy(tmp_path / "p", weights_of(card), card.changed(network=network, observation=in_place))
+        digests.append(team_digest(tmp_path / "p"))
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 3

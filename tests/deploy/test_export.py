@@ -99,9 +99,11 @@ def test_the_first_of_equal_values_is_chosen_as_numpy_does(tmp_path, kind):
     assert (found.other_actions, found.largest_difference) == (0, 0.0)
 
 
+@pytest.mark.parametrize("in_place", [None, 20.0])
 @pytest.mark.parametrize("of_robot", [(0, 0, 0), (0, 1, 2)])
-def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot):
-    folder = make_policy(tmp_path / "made", mask=True, of_robot=of_robot, output="logits", temperature=0.7)
+def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot, in_place):
+    drawing = {"output": "logits", "temperature": 0.7, "temperature_in_place": in_place}
+    folder = make_policy(tmp_path / "made", mask=True, of_robot=of_robot, **drawing)
     policy, exported = read_policy(folder), OnnxPolicy(onnx_model(folder))
     observations = random_observations(policy, 400)
     best = policy.values(observations).argmax(axis=-1)
@@ -109,6 +111,9 @@ def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot):
         drawn = exported.act(observations, decision)
         assert (drawn == policy.act(observations, decision)).all()
         assert 0.1 < (drawn != best).mean() < 0.9
+        if in_place is not None:
+            stands = observations[..., policy.card.in_place] >= 0.5
+            assert (drawn != best)[stands].mean() > (drawn != best)[~stands].mean() + 0.05
     assert agreement(exported, policy, observations).holds
     with pytest.raises(InputError) as caught:
         exported.act(observations)

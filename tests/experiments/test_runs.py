@@ -119,6 +119,11 @@ def test_a_team_that_draws_its_actions_is_another_system(tmp_path):
         "ps-dqn temperature=0.5",
         "ps-dqn temperature=none",
     ]
+    made.folder(tmp_path / "c", "ps-dqn", 0, [6], temperature=0.5, temperature_in_place=2.0)
+    assert [run.system for run in read_runs([tmp_path / "b", tmp_path / "c"])] == [
+        "ps-dqn temperature_in_place=2",
+        "ps-dqn temperature_in_place=none",
+    ]
 
 
 def test_lists_and_switches_are_named_without_spaces_and_commas(tmp_path):

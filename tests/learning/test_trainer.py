@@ -116,6 +116,14 @@ def test_a_temperature_changes_how_the_team_acts_and_nothing_that_it_learned(tmp
     )
     one, other = load_policy(cold.folder), load_policy(warm.folder)
     assert (one.card.network.temperature, other.card.network.temperature) == (None, 3.0)
+    restless = train(
+        run_config("ps-ippo", robots=2, temperature=3.0, temperature_in_place=9.0, **settings),
+        tmp_path / "restless",
+        print,
+    )
+    third = load_policy(restless.folder)
+    assert third.card.network == other.card.network.changed(temperature_in_place=9.0)
+    assert third.card.weights_sha256 == other.card.weights_sha256
     for name, array in one.weights().items():
         assert (array == other.weights()[name]).all()
     env = VectorEnv("paper", num_envs=2, robots=2, seed=3)
@@ -127,6 +135,19 @@ def test_a_temperature_changes_how_the_team_acts_and_nothing_that_it_learned(tmp
     assert str(caught.value) == (
         'temperature is 0.5, but must be absent where output is "joint action values".'
     )
+    with pytest.raises(InputError) as caught:
+        train(
+            run_config("ps-ippo", robots=2, temperature=0.5, temperature_in_place=2.0, encoding="paper"),
+            tmp_path / "joint",
+            print,
+        )
+    assert str(caught.value) == (
+        "temperature_in_place is 2.0, but must be absent where observations do not say how long a robot has "
+        "been in place."
+    )
+    with pytest.raises(InputError) as caught:
+        run_config("ps-ippo", temperature_in_place=2.0)
+    assert str(caught.value) == "run: temperature_in_place is 2.0, but must be absent where temperature is."
     assert not (tmp_path / "joint").exists()
 
 

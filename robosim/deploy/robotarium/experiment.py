@@ -53,7 +53,8 @@ class Team:
         gains = team["gains"]
         spec = NetworkSpec(**team["network"])
         weights = {name: self._arrays[name] for name in spec.shapes}
-        networks = Networks(spec, weights, None if gains is None else MoveGains(*gains), ARRAYS)
+        moves = None if gains is None else MoveGains(*gains)
+        networks = Networks(spec, weights, moves, ARRAYS, team["in_place"])
         self.driven = RealTeam(
             self.arena,
             self.robots,

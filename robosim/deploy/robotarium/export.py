@@ -81,6 +81,7 @@ def robotarium_files(
         "pheromone": card.env.pheromone.model_dump(),
         "network": card.network.model_dump(),
         "gains": card.gains,
+        "in_place": card.in_place,
     }
     files = {
         file: text.encode() for file, text in flat_files("robosim.deploy.robotarium.main", "main.py").items()
