@@ -66,8 +66,8 @@ def test_an_evaluation_of_ones_own_stands_among_those_asked_for(tmp_path, capsys
     [
         (["--arena", "papr"], '--arena: there is no entry for "papr": did you mean paper or paper-grid?'),
         (
-            ["--arena", "single-lane", "--robots", "9"],
-            "--robots is 9, but there are entries for 2 alone.",
+            ["--arena", "robotarium", "--robots", "9"],
+            "--robots is 9, but there are entries for 4 alone.",
         ),
         (
             ["--records", "nowhere.jsonl"],

@@ -67,6 +67,7 @@ def random_readings(arena, robots, count, seed=0):
 
 DRIVE = f"""
 import sys
+before = set(sys.modules)  # some systems' Python loads a module of its own as it starts
 from pathlib import Path
 import numpy as np
 folder = Path(sys.argv[1])
@@ -87,7 +88,8 @@ for row in range(len(columns["pose"])):
     grippers.append(team.gripper)
 np.savez(sys.argv[3], speeds=speeds, actions=actions, grippers=grippers)
 for name, module in sys.modules.items():
-    print(name, getattr(module, "__file__", None) or "")
+    if name not in before:
+        print(name, getattr(module, "__file__", None) or "")
 """
 
 
