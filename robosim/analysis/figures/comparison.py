@@ -274,10 +274,8 @@ def _legend_columns(names: Sequence[str], width: float) -> int:
 
 def _decades(least: float, most: float) -> tuple[float, float]:
     """Return the powers of ten around these numbers of touches, the lower one 0 for few touches."""
-    return (
-        0.0 if least < _FEW else 10.0 ** floor(log10(least)),
-        10.0 ** max(ceil(log10(max(most, _FEW))), log10(_FEW) + 1.0),
-    )
+    low = 0.0 if least < _FEW else 10.0 ** floor(log10(least))
+    return low, 10.0 ** ceil(log10(max(most, 10.0 * _FEW)))
 
 
 def _least_gap(values: Sequence[float]) -> float:
