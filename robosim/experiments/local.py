@@ -33,6 +33,8 @@ ONE_THREAD = dict.fromkeys(
 )
 """Variables of the environment that let libraries compute with one thread."""
 _SPAWN = multiprocessing.get_context("spawn")
+_LOOK = 1.0
+"""Time between two looks, s. A signal that comes just before a wait begins does not end that wait."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +62,10 @@ class LocalEngine:
             while waiting or running:
                 while waiting and len(running) < self.workers:
                     watch.begun(waiting[-1])
-                    running.append(_start(waiting.pop(), work, root))
-                answered = wait([one.answer for one in running])
+                    # A job that is left between its start and the list would be asked to end by nobody.
+                    with _interrupts_wait():
+                        running.append(_start(waiting.pop(), work, root))
+                answered = wait([one.answer for one in running], timeout=_LOOK)
                 for one in [one for one in running if one.answer in answered]:
                     answer = _answer(one)
                     if isinstance(answer, float):
@@ -106,7 +110,8 @@ def _end(running: Sequence[_Running]) -> None:
         for one in running:
             one.process.terminate()
         for one in running:
-            one.process.join()
+            while one.process.is_alive():
+                one.process.join(_LOOK)
     except BaseException:
         for one in running:
             one.process.kill()
@@ -136,6 +141,28 @@ def _end_with_parent() -> None:
     if parent is not None:
         wait([parent.sentinel])
         os.kill(os.getpid(), signal.SIGTERM)
+
+
+@contextlib.contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Keep what SIGINT and SIGTERM would raise in this thread until the end of the block."""
+    if threading.current_thread() is not threading.main_thread():
+        # Their handlers run in the main thread.
+        yield
+        return
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    came = list[signal.Signals]()
+    # One that is ignored or ends this process stays as it is: the new process is to have the same.
+    held = {number: handler for number, handler in handlers.items() if callable(handler)}
+    for number in held:
+        signal.signal(number, lambda number, _frame: came.append(signal.Signals(number)))
+    try:
+        yield
+    finally:
+        for number, handler in held.items():
+            signal.signal(number, handler)
+    for number in came:
+        signal.raise_signal(number)
 
 
 @contextlib.contextmanager

@@ -103,11 +103,11 @@ def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path):
         run_jobs([Job({})], cheap.square, tmp_path / "file", tmp_path / "results.jsonl", LocalEngine())
 
 
-def script(root, **options):
+def script(root, *arguments, **options):
     """Start a process that works off four long jobs, two at a time."""
     root.mkdir(exist_ok=True)
     return subprocess.Popen(
-        [sys.executable, "-m", "tests.experiments.cheap", root],
+        [sys.executable, "-m", "tests.experiments.cheap", root, *arguments],
         cwd=Path(__file__).parents[2],
         text=True,
         stdout=subprocess.PIPE,
@@ -141,6 +141,17 @@ def wait_for_end(pids):
         time.sleep(0.01)
 
 
+def end_of(process, workers=()):
+    """Wait for the end of a process, and return what it wrote: to its output and to its errors."""
+    try:
+        return process.communicate(timeout=30)
+    except subprocess.TimeoutExpired:
+        left = [pid for pid in (process.pid, *workers) if alive(pid)]
+        for pid in left:
+            os.kill(pid, signal.SIGKILL)
+        pytest.fail(f"{left} of {process.pid} and its jobs {workers} do not end: {process.communicate()}")
+
+
 def saved(root):
     return sorted(path.read_text() for path in root.glob("*/work/saved"))
 
@@ -154,7 +165,7 @@ def test_ctrl_c_lets_jobs_save_and_the_next_call_goes_on(tmp_path, to_the_group)
         os.killpg(process.pid, signal.SIGINT)
     else:
         process.send_signal(signal.SIGINT)
-    err = process.communicate(timeout=30)[1]
+    err = end_of(process, workers)[1]
     assert process.returncode != 0
     assert err.rstrip().endswith("KeyboardInterrupt")
     assert not any(map(alive, workers))
@@ -165,10 +176,17 @@ def test_ctrl_c_lets_jobs_save_and_the_next_call_goes_on(tmp_path, to_the_group)
     process = script(root, start_new_session=True)
     at_work(root)
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
+    end_of(process)
     assert saved(root) == ["0", "1", "2", "3"]
-    out = script(root).communicate(timeout=30)[0]
+    out = end_of(script(root))[0]
     assert out == "[(0.0,), (1.0,), (2.0,), (3.0,)]\n"
+
+
+def test_ctrl_c_while_a_job_is_being_started_leaves_no_process(tmp_path):
+    process = script(tmp_path / "root", "interrupted", start_new_session=True)
+    err = end_of(process)[1]
+    assert err.rstrip().endswith("KeyboardInterrupt")
+    assert process.returncode != 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
@@ -177,7 +195,7 @@ def test_jobs_end_with_the_process_above_them(tmp_path, number):
     process = script(root)
     workers = at_work(root)
     process.send_signal(number)
-    process.communicate(timeout=30)
+    end_of(process, workers)
     wait_for_end(workers)
     assert saved(root) == ["0", "1"]
     assert read_results(root / "results.jsonl") == {}
