@@ -44,6 +44,8 @@ class ScheduleConfig(Record):
     """Newcomers join one at a time while the robots before them stay frozen; otherwise all learn together."""
     first_team: int = Field(default=2, ge=1, le=1000)
     """Curriculum: robots that learn together first."""
+    first_share: float | None = Field(default=None, gt=0, le=0.99)
+    """Curriculum: share of the decisions that they take; none for as much as a newcomer each."""
     newcomer: Literal["scratch", "copy"] = "scratch"
     """Curriculum: a newcomer starts from random weights, or from a copy of the robot before it."""
     fine_tune: float = Field(default=0.0, ge=0, le=0.99)
@@ -52,6 +54,21 @@ class ScheduleConfig(Record):
     """Curriculum: a stage ends early once a fifth of it gains less return than this share; 0 for never."""
     start_from: str = Field(default="", max_length=4096)
     """Policy by name or folder whose robots the run starts with; empty for none."""
+
+    @model_validator(mode="after")
+    def _check_first_share(self) -> Self:
+        if self.first_share is None:
+            return self
+        if not self.curriculum or self.start_from:
+            raise ValueError(
+                f"first_share is {shown(self.first_share)}, but must be absent where no team learns first"
+            )
+        if self.first_share + self.fine_tune >= 1.0:
+            raise ValueError(
+                f"first_share is {shown(self.first_share)}, but must be less than {1.0 - self.fine_tune:g}, "
+                "what fine_tune leaves"
+            )
+        return self
 
 
 class RunSettings(Record):

@@ -43,8 +43,9 @@ def plan_stages(config: RunConfig, trained: int = 0) -> tuple[Stage, ...]:
 
     Without a curriculum there is one stage. With one (the paper's section on curriculum learning),
     `first_team` robots learn together, then each newcomer beside frozen ones, and with `fine_tune`
-    all once more. The first stage counts as many shares of the decisions as it has robots, a
-    newcomer's counts one. InputError when a policy to start from does not go with the team.
+    all once more. The first stage takes `first_share` of the decisions, or without it counts as many
+    shares as it has robots; a newcomer's counts one. InputError when a policy to start from does not go
+    with the team.
     """
     robots, schedule = config.env.robots, config.schedule
     if trained > robots:
@@ -58,7 +59,7 @@ def plan_stages(config: RunConfig, trained: int = 0) -> tuple[Stage, ...]:
     stages: list[Stage] = []
     if not trained:
         first = min(schedule.first_team, robots)
-        stages.append(Stage("first team", first, first, float(first), explores=True))
+        stages.append(Stage("first team", first, first, _first_share(config, first), explores=True))
         trained = first
     fresh = schedule.newcomer == "scratch"
     stages += [
@@ -74,6 +75,14 @@ def plan_stages(config: RunConfig, trained: int = 0) -> tuple[Stage, ...]:
             f"start_from holds {trained} robots, but must hold less than the whole team without fine_tune."
         )
     return tuple(stages)
+
+
+def _first_share(config: RunConfig, first: int) -> float:
+    """Return how many shares the first stage counts, of which a newcomer's counts one."""
+    schedule, newcomers = config.schedule, config.env.robots - first
+    if schedule.first_share is None or not newcomers:
+        return float(first)
+    return newcomers * schedule.first_share / (1.0 - schedule.first_share - schedule.fine_tune)
 
 
 def stage_budget(stages: Sequence[Stage], number: int, steps_left: int) -> int:

@@ -78,14 +78,45 @@ def test_budgets_use_up_the_run_also_when_stages_end_early(robots, first_team, f
     assert steps <= taken <= steps + len(stages)
 
 
-def test_shares_are_a_robots_worth_each():
-    config = run_config("smadrl", robots=8, fine_tune=0.2)
-    stages, left, budgets = plan_stages(config), 100_000, []
+def budgets_of(config, steps=100_000):
+    stages, left, budgets = plan_stages(config), steps, []
     for number in range(len(stages)):
         budgets.append(stage_budget(stages, number, left))
         left -= budgets[-1]
-    assert budgets == [20_000, *[10_000] * 6, 20_000]
     assert left == 0
+    return budgets
+
+
+def test_shares_are_a_robots_worth_each():
+    config = run_config("smadrl", robots=8, fine_tune=0.2)
+    assert budgets_of(config) == [20_000, *[10_000] * 6, 20_000]
+
+
+def test_the_first_team_takes_the_share_that_it_is_given():
+    config = run_config("smadrl", robots=8, fine_tune=0.5, first_share=0.2)
+    assert budgets_of(config) == [20_000, *[5_000] * 6, 50_000]
+    assert budgets_of(config.with_options(fine_tune=0.0, first_share=0.4)) == [40_000, *[10_000] * 6]
+    # Nobody joins the team: it learns, and learns on.
+    assert budgets_of(config.with_options(robots=2)) == [50_000, 50_000]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"technique": "iql"}, "first_share is 0.5, but must be absent where no team learns first"),
+        (
+            {"technique": "smadrl", "start_from": "paper-4"},
+            "first_share is 0.5, but must be absent where no team learns first",
+        ),
+        (
+            {"technique": "smadrl", "fine_tune": 0.6},
+            "first_share is 0.5, but must be less than 0.4, what fine_tune leaves",
+        ),
+    ],
+)
+def test_a_share_that_cannot_be_is_a_sentence(options, sentence):
+    with pytest.raises(InputError, match=sentence):
+        run_config(robots=4, first_share=0.5, **options)
 
 
 def rows(rewards):
