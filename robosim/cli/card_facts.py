@@ -111,9 +111,12 @@ def _drawn(network: NetworkSpec) -> list[str]:
     """Say how actions are drawn, if they are."""
     if network.temperature is None:
         return []
-    standing = network.temperature_in_place
+    standing, hold = network.temperature_in_place, network.hold_in_place
     after = "" if standing is None else f", {standing:g} after a while in place"
-    return [f"actions drawn at temperature {network.temperature:g}{after}"]
+    held = "" if hold is None else f", where draws hold for {hold} decisions"
+    if standing is None and held:
+        held = f"; after a while in place draws hold for {hold} decisions"
+    return [f"actions drawn at temperature {network.temperature:g}{after}{held}"]
 
 
 def _results(what: str, evaluation: Evaluation) -> list[tuple[str, str]]:

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from robosim.arena.model import Arena
 from robosim.arena.schema import RobotSection, TimingSection
 from robosim.control.html import evaluation_html
-from robosim.control.network import NetworkSpec, Weights, check_weights
+from robosim.control.network import NetworkSpec, Weights, check_standing, check_weights
 from robosim.discretise.observation import MoveGains, gain_columns, in_place_column
 from robosim.envs.config import EnvConfig
 from robosim.envs.profile import ProfileConfig
@@ -271,11 +271,7 @@ class PolicyCard(Record):
                 f"network.mask is {shown(True)}, but must be {shown(False)} where observations hold no gains "
                 "of moves"
             )
-        if network.temperature_in_place is not None and self.in_place is None:
-            raise ValueError(
-                f"network.temperature_in_place is {shown(network.temperature_in_place)}, but must be absent "
-                "where observations do not say how long a robot has been in place"
-            )
+        check_standing(network, self.in_place, "network.")
         if "\n" not in self.env.arena:
             raise ValueError(f"env.arena is {shown(self.env.arena)}, but must be the text of an arena")
         if self.arena.sha256 != fingerprint(self.env.arena):

@@ -19,7 +19,7 @@ LEAST_SQUARE = 1e-5
 """Added to the mean square, or to the variance, by which hidden layers are normalised."""
 Activation = Literal["relu", "tanh"]
 Normalisation = Literal["none", "rms", "layer"]
-TEMPERATURES = ("temperature", "temperature_in_place")
+DRAWING = ("temperature", "temperature_in_place", "hold_in_place")
 """Fields of `NetworkSpec` that say how actions are drawn."""
 MOST_DECISIONS = 2**64 - 1
 """Up to which draws count the decisions of an episode."""
@@ -70,6 +70,9 @@ class NetworkSpec(Record):
     """Instead of `temperature`, for a robot that has stood for a while: of which the number `in place` of its
     observation is `STANDING` or more. Robots that have come to a stand try something else; none for the same
     temperature at all times."""
+    hold_in_place: int | None = Field(default=None, ge=2, le=10_000)
+    """Decisions, from every multiple of this on, for which a robot that has stood for a while keeps the
+    number by which it draws, so that what it tries lasts; none for a new number in every decision."""
 
     @property
     def robots(self) -> int:
@@ -85,6 +88,14 @@ class NetworkSpec(Record):
     def joint(self) -> bool:
         """Whether one network chooses for all robots."""
         return self.output in ("joint action values", "joint logits")
+
+    @property
+    def asks_for_standing(self) -> str | None:
+        """Field that needs an observation to say how long a robot has been in place; None where none does."""
+        for name in ("temperature_in_place", "hold_in_place"):
+            if getattr(self, name) is not None:
+                return name
+        return None
 
     @property
     def shared(self) -> bool:
@@ -151,17 +162,32 @@ class NetworkSpec(Record):
                 f"temperature is {shown(self.temperature)}, but must be absent where output is "
                 f"{shown(self.output)}"
             )
-        if self.temperature is None and self.temperature_in_place is not None:
-            raise ValueError(
-                f"temperature_in_place is {shown(self.temperature_in_place)}, but must be absent "
-                "where temperature is"
-            )
+        check_drawing(self)
         if self.mask and self.actions < FEWEST_ACTIONS:
             raise ValueError(
                 f"actions is {self.actions}, but must be at least {FEWEST_ACTIONS} "
                 f"where mask is {shown(True)}"
             )
         return self
+
+
+def check_drawing(settings: Record) -> None:
+    """Raise ValueError where one of the fields `DRAWING` is given without the first, the temperature."""
+    temperature, *others = DRAWING
+    for name in others:
+        given = getattr(settings, name)
+        if getattr(settings, temperature) is None and given is not None:
+            raise ValueError(f"{name} is {shown(given)}, but must be absent where {temperature} is")
+
+
+def check_standing(spec: NetworkSpec, in_place: int | None, place: str = "") -> None:
+    """Raise ValueError where `spec` asks how long a robot has been in place, and `in_place` is None."""
+    field = spec.asks_for_standing
+    if field is not None and in_place is None:
+        raise ValueError(
+            f"{place}{field} is {shown(getattr(spec, field))}, but must be absent where observations do not "
+            "say how long a robot has been in place"
+        )
 
 
 class Networks:
@@ -178,8 +204,9 @@ class Networks:
         """Take `weights` of the shapes `spec.shapes`.
 
         `gains` is where an observation holds the gains of moves (`gain_columns`); a spec with a `mask` needs
-        it. `in_place` is where it holds that number (`in_place_column`); `temperature_in_place` needs
-        it. InputError, in one sentence that begins with `place`, for weights that do not fit or overflow.
+        it. `in_place` is where it holds that number (`in_place_column`); `temperature_in_place` and
+        `hold_in_place` need it. InputError, in one sentence that begins with `place`, for weights that do not
+        fit or overflow.
         """
         check_weights(spec, weights, place)
         if spec.mask and gains is None:
@@ -187,11 +214,10 @@ class Networks:
                 f"mask is {shown(True)}, but must be {shown(False)} where observations hold no "
                 "gains of moves."
             )
-        if spec.temperature_in_place is not None and in_place is None:
-            raise InputError(
-                f"temperature_in_place is {shown(spec.temperature_in_place)}, but must be absent where "
-                "observations do not say how long a robot has been in place."
-            )
+        try:
+            check_standing(spec, in_place)
+        except ValueError as error:
+            raise InputError(f"{error}.") from None
         self.spec = spec
         self._in_place = in_place
         self._gains = gains if spec.mask else None
@@ -239,19 +265,23 @@ class Networks:
                     "these networks draw their actions."
                 )
             number = whole_number("decision", decision, 0, MOST_DECISIONS)
-            return drawn_actions(values, self._temperature(observation), draws(number, values.shape[:-1]))
+            return self._drawn(values, observation, number)
         chosen: NDArray[np.int64] = values.argmax(axis=-1)
         if not self.spec.joint:
             return chosen
         return np.stack(np.unravel_index(chosen, (self.spec.actions,) * self.spec.robots), axis=-1)
 
-    def _temperature(self, observation: Floats) -> Floats:
-        """Return the temperature at which each robot draws, [..., robots], or one for all, []."""
-        temperature = np.float32(self.spec.temperature)
-        if self.spec.temperature_in_place is None:
-            return np.asarray(temperature)
-        stands = observation[..., self._in_place] >= np.float32(STANDING)
-        return np.where(stands, np.float32(self.spec.temperature_in_place), temperature)
+    def _drawn(self, values: Floats, observation: Floats, number: int) -> NDArray[np.int64]:
+        """Return the actions [..., robots] that robots draw in the decision `number`."""
+        spec, shape = self.spec, values.shape[:-1]
+        temperature, drawn = np.asarray(spec.temperature, np.float32), draws(number, shape)
+        if spec.asks_for_standing is not None:
+            stands = observation[..., self._in_place] >= np.float32(STANDING)
+            if spec.temperature_in_place is not None:
+                temperature = np.where(stands, np.float32(spec.temperature_in_place), temperature)
+            if spec.hold_in_place is not None:
+                drawn = np.where(stands, draws(held_decision(number, spec.hold_in_place), shape), drawn)
+        return drawn_actions(values, temperature, drawn)
 
     def _forward(self, hidden: Floats) -> Floats:
         """Return [networks, batch, outputs] of inputs [networks, batch, inputs]; one network serves all."""
@@ -268,6 +298,11 @@ class Networks:
             if self.spec.normalisation == "rms":
                 hidden /= _size(hidden)
         return hidden @ self._weights[-1] + self._biases[-1]
+
+
+def held_decision(decision: int, hold: int) -> int:
+    """Return the decision by whose draws robots in place act in `decision`: the first of its `hold`."""
+    return decision - decision % hold
 
 
 def draws(decision: int, shape: tuple[int, ...]) -> Floats:

@@ -144,12 +144,13 @@ def team_digest(folder: Path) -> str:
     """Return the SHA-256 by which records know the team of a policy folder.
 
     That of its weights; a card that lets robots in place draw otherwise counts, too, since the same weights
-    have shipped without. InputError for a folder that is not sound.
+    serve with and without. InputError for a folder that is not sound.
     """
     digest = hashlib.sha256((folder / WEIGHTS_FILE).read_bytes())
-    standing = read_card(folder / CARD_FILE).network.temperature_in_place
-    if standing is not None:
-        digest.update(f"temperature_in_place={standing}".encode())
+    network = read_card(folder / CARD_FILE).network
+    for name in ("temperature_in_place", "hold_in_place"):
+        if getattr(network, name) is not None:
+            digest.update(f"{name}={getattr(network, name)}".encode())
     return digest.hexdigest()
 
 

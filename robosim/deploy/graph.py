@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from robosim.control.network import LEAST_SQUARE, NetworkSpec, Weights
-from robosim.deploy.runtime import ACTIONS, DRAWS, OBSERVATION, VALUES
+from robosim.deploy.runtime import ACTIONS, DRAWS, DRAWS_IN_PLACE, OBSERVATION, VALUES
 from robosim.discretise.observation import STANDING, MoveGains
 
 OPSET = 18
@@ -51,10 +51,12 @@ def policy_graph(
     """Return the graph of a whole policy.
 
     Its input is `observation`, float32 [batch, robots, size], and where actions are drawn `draws`, float32
-    [batch, robots], numbers in [0, 1) such as those of `robosim.control.network.draws`. Its outputs are
+    [batch, robots], numbers in [0, 1) such as those of `robosim.control.network.draws`; with `hold_in_place`,
+    besides, `draws_in_place` for robots that stand, those of `held_decision`. Its outputs are
     `actions`, int64 [batch, robots], and `values`, float32, as `Networks.outputs` returns them. `weights` are
     of the shapes `spec.shapes`; `gains` is where an observation holds the gains of moves, which a spec with a
-    `mask` needs, `in_place` where it says how long a robot has been in place, for `temperature_in_place`.
+    `mask` needs, `in_place` where it says how long a robot has been in place, for `temperature_in_place` and
+    `hold_in_place`.
     """
     nodes = _Nodes()
     values = _forward(nodes, spec, weights, _arranged(nodes, spec))
@@ -74,7 +76,7 @@ def policy_graph(
         name,
         [
             make(OBSERVATION, TensorProto.FLOAT, (BATCH, robots, spec.observation)),
-            *([] if spec.temperature is None else [make(DRAWS, TensorProto.FLOAT, (BATCH, robots))]),
+            *(make(name, TensorProto.FLOAT, (BATCH, robots)) for name in _draw_inputs(spec)),
         ],
         [
             make(ACTIONS, TensorProto.INT64, (BATCH, robots)),
@@ -174,7 +176,7 @@ def _combined(nodes: _Nodes, spec: NetworkSpec, blocked: str) -> str:
 def _choose(nodes: _Nodes, spec: NetworkSpec, in_place: int | None) -> None:
     """Choose the largest value, the first among equals as numpy does; or draw an action."""
     if spec.temperature is not None:
-        _draw(nodes, _temperature(nodes, spec, in_place))
+        _draw_action(nodes, spec, in_place)
         return
     result = "combination" if spec.joint else ACTIONS
     chosen = nodes.add("ArgMax", VALUES, result=result, axis=-1, keepdims=0, select_last_index=0)
@@ -185,24 +187,35 @@ def _choose(nodes: _Nodes, spec: NetworkSpec, in_place: int | None) -> None:
         nodes.add("Mod", digits, nodes.whole("base", spec.actions), result=ACTIONS)
 
 
-def _temperature(nodes: _Nodes, spec: NetworkSpec, in_place: int | None) -> str:
-    """Return the temperature of all robots, or of each, [batch, robots, 1]."""
-    always = nodes.constant("temperature", np.array(spec.temperature, np.float32))
-    if spec.temperature_in_place is None or in_place is None:
-        return always
-    standing = nodes.constant("temperature_in_place", np.array(spec.temperature_in_place, np.float32))
-    number = nodes.add("Gather", OBSERVATION, nodes.whole("in_place", in_place), axis=2)
-    stands = nodes.add("GreaterOrEqual", number, nodes.constant("standing", np.array(STANDING, np.float32)))
-    return nodes.add("Where", stands, standing, always)
+def _draw_inputs(spec: NetworkSpec) -> list[str]:
+    """Return the names of the inputs by which robots draw."""
+    if spec.temperature is None:
+        return []
+    return [DRAWS] if spec.hold_in_place is None else [DRAWS, DRAWS_IN_PLACE]
 
 
-def _draw(nodes: _Nodes, divisor: str) -> None:
-    """Draw actions as `robosim.control.network.drawn_actions` does."""
+def _draw_action(nodes: _Nodes, spec: NetworkSpec, in_place: int | None) -> None:
+    """Draw as robots do that move, and where the spec says so otherwise for those that stand."""
     last = nodes.whole("actions_axis", -1)
+    temperature, drawn = nodes.constant("temperature", np.array(spec.temperature, np.float32)), DRAWS
+    if spec.asks_for_standing is not None and in_place is not None:
+        number = nodes.add("Gather", OBSERVATION, nodes.whole("in_place", in_place), axis=2)
+        least = nodes.constant("standing", np.array(STANDING, np.float32))
+        stands = nodes.add("GreaterOrEqual", number, least)
+        if spec.temperature_in_place is not None:
+            other = nodes.constant("temperature_in_place", np.array(spec.temperature_in_place, np.float32))
+            temperature = nodes.add("Where", stands, other, temperature)
+        if spec.hold_in_place is not None:
+            drawn = nodes.add("Where", nodes.add("Squeeze", stands, last), DRAWS_IN_PLACE, DRAWS)
+    _draw(nodes, last, temperature, drawn)
+
+
+def _draw(nodes: _Nodes, last: str, divisor: str, drawn: str) -> None:
+    """Draw actions as `robosim.control.network.drawn_actions` does."""
     above = nodes.add("Sub", VALUES, nodes.add("ReduceMax", VALUES, last, keepdims=1))
     weights = nodes.add("Exp", nodes.add("Div", above, divisor))
     sums = nodes.add("CumSum", weights, nodes.constant("summed_axis", np.array(-1, np.int64)))
     total = nodes.add("Slice", sums, last, nodes.whole("end", np.iinfo(np.int64).max), last)
-    wanted = nodes.add("Mul", nodes.add("Unsqueeze", DRAWS, last), total)
+    wanted = nodes.add("Mul", nodes.add("Unsqueeze", drawn, last), total)
     passed = nodes.add("Cast", nodes.add("LessOrEqual", sums, wanted), to=TensorProto.INT64)
     nodes.add("ReduceSum", passed, last, result=ACTIONS, keepdims=0)

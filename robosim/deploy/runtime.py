@@ -11,17 +11,23 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from robosim.control.card import PolicyCard
-from robosim.control.network import draws
+from robosim.control.network import draws, held_decision
 from robosim.errors import InputError, shown
 from robosim.texts import parse_json, read_limited
 
 OBSERVATION, DRAWS, ACTIONS, VALUES = "observation", "draws", "actions", "values"
 """Names of the graph's inputs and outputs; `draws` is there only where actions are drawn."""
+DRAWS_IN_PLACE = "draws_in_place"
+"""Name of the input that is there only where robots that stand keep what they draw by."""
 MOST_BYTES = 2**28
 """Of a file; the largest policy that ships takes 2 MB."""
 
 _Ports = dict[str, tuple[str, int | None]]
-_INPUTS: _Ports = {OBSERVATION: ("tensor(float)", 3), DRAWS: ("tensor(float)", 2)}
+_INPUTS: _Ports = {
+    OBSERVATION: ("tensor(float)", 3),
+    DRAWS: ("tensor(float)", 2),
+    DRAWS_IN_PLACE: ("tensor(float)", 2),
+}
 _OUTPUTS: _Ports = {ACTIONS: ("tensor(int64)", 2), VALUES: ("tensor(float)", None)}
 """Type and dimensions of each; values have as many as their head."""
 
@@ -52,7 +58,8 @@ class OnnxPolicy:
             self.metadata = dict(self._session.get_modelmeta().custom_metadata_map)
             """What the file says of itself."""
             self._size = self._check_graph()
-            self._draws = any(one.name == DRAWS for one in self._session.get_inputs())
+            names = {one.name for one in self._session.get_inputs()}
+            self._draws, self._holds = (name in names for name in (DRAWS, DRAWS_IN_PLACE))
         except InputError:
             raise
         except Exception as error:  # noqa: BLE001  its own errors have no class in common
@@ -89,6 +96,9 @@ class OnnxPolicy:
                     "episode: this policy draws its actions."
                 )
             inputs[DRAWS] = draws(decision, observation.shape[:-1])
+            if self._holds:
+                held = held_decision(decision, self.card.network.hold_in_place or 1)
+                inputs[DRAWS_IN_PLACE] = draws(held, observation.shape[:-1])
         shape = list(observation.shape)
         try:
             actions, values = self._session.run([ACTIONS, VALUES], inputs)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from robosim.arena import Arena, load_arena
 from robosim.control.card import MOST_BYTES, Evaluation, PolicyCard
-from robosim.control.network import TEMPERATURES
+from robosim.control.network import DRAWING
 from robosim.control.policy import RUN_RECORD, check_run
 from robosim.envs.config import MOST_CONFIG, MOST_STEPS, EnvConfig
 from robosim.envs.profile import CHANGED, ProfileConfig, load_profile
@@ -368,7 +368,7 @@ def _described(config: Mapping[str, Any], place: str) -> dict[str, Any]:
     # Said by all runs, or one without would not be told from those with one.
     options: dict[str, Any] = {}
     if "algorithm" in config:
-        options |= {name: run.get(name) or "none" for name in TEMPERATURES}
+        options |= {name: run.get(name) or "none" for name in DRAWING}
     learned_under = ""
     for group in _GROUPS:
         if group in config:

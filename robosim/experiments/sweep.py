@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from robosim.arena import arena_names, load_arena
 from robosim.control.controller import SCRIPTED
-from robosim.control.network import TEMPERATURES
+from robosim.control.network import DRAWING
 from robosim.envs.config import EnvConfig
 from robosim.errors import InputError, nearest_names, refused, shown
 from robosim.experiments.jobs import Job
@@ -202,7 +202,7 @@ def _check_value(place: str, name: str, value: object) -> None:
         raise refused(place, value, _VALUE)
     if name.startswith("evaluation_"):
         raise InputError(f"{place} cannot be given: [evaluation] says how teams are measured.")
-    if name in RunSettings.model_fields and name not in (_TECHNIQUE, _SEED, *TEMPERATURES):
+    if name in RunSettings.model_fields and name not in (_TECHNIQUE, _SEED, *DRAWING):
         raise InputError(f"{place} cannot be given: a sweep runs each team in one process of its own.")
 
 

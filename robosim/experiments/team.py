@@ -14,7 +14,7 @@ from robosim.arena import arena_names, load_arena
 from robosim.control.controller import SCRIPTED, Controller, make_controller
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
-from robosim.control.network import TEMPERATURES
+from robosim.control.network import DRAWING
 from robosim.control.policy import RUN_POLICY, find_policy, read_policy, team_digest
 from robosim.envs.config import MOST_STEPS, EnvConfig
 from robosim.envs.profile import LONGEST_PROFILE, profile_text
@@ -29,7 +29,7 @@ POLICY = "policy:"
 _SIDE_BY_SIDE = 16
 """Episodes that run at once."""
 _RUN = "run"
-_COUNTING = ("technique", "seed", *TEMPERATURES)
+_COUNTING = ("technique", "seed", *DRAWING)
 
 
 class Measuring(Record):

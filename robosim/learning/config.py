@@ -14,6 +14,7 @@ import tomli_w
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from robosim.arena import arena_names, load_arena
+from robosim.control.network import check_drawing
 from robosim.control.policy import policy_names
 from robosim.envs.config import MOST_CONFIG, EnvConfig, with_profile
 from robosim.envs.profile import LONGEST_PROFILE, profile_text
@@ -100,14 +101,13 @@ class RunSettings(Record):
     none for the action of the largest output, every time."""
     temperature_in_place: float | None = Field(default=None, ge=0.001, le=1000)
     """Instead of `temperature`, for robots that have stood for a while; none for the same at all times."""
+    hold_in_place: int | None = Field(default=None, ge=2, le=10_000)
+    """Decisions for which robots that have stood for a while keep what they draw by; none for a new draw in
+    every decision."""
 
     @model_validator(mode="after")
-    def _check_temperatures(self) -> Self:
-        if self.temperature is None and self.temperature_in_place is not None:
-            raise ValueError(
-                f"temperature_in_place is {shown(self.temperature_in_place)}, but must be absent "
-                "where temperature is"
-            )
+    def _check_drawing(self) -> Self:
+        check_drawing(self)
         return self
 
 

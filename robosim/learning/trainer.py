@@ -17,11 +17,11 @@ import robosim
 from robosim.control.card import Evaluation, PolicyCard, TrainingCard, card_for
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
-from robosim.control.network import NetworkSpec
+from robosim.control.network import DRAWING, NetworkSpec, check_standing
 from robosim.control.policy import Policy, save_policy
 from robosim.discretise.observation import in_place_column
 from robosim.envs.vector import VectorEnv
-from robosim.errors import InputError, refused, shown
+from robosim.errors import InputError, shown
 from robosim.files import alone_in
 from robosim.learning.checkpoint import list_checkpoints, read_checkpoint, remove_checkpoints
 from robosim.learning.computing import one_thread
@@ -304,16 +304,12 @@ class _Run:
 
 def _spec_at_work(training: Training) -> NetworkSpec:
     """Return the networks of the team that a run leaves; InputError where they cannot act as it wants."""
-    run = training.config.run
-    spec = training.actors().spec.changed(
-        temperature=run.temperature, temperature_in_place=run.temperature_in_place
-    )
-    if run.temperature_in_place is not None and in_place_column(training.env.layout.names) is None:
-        raise refused(
-            "temperature_in_place",
-            run.temperature_in_place,
-            "absent where observations do not say how long a robot has been in place",
-        )
+    drawing = {name: getattr(training.config.run, name) for name in DRAWING}
+    spec = training.actors().spec.changed(**drawing)
+    try:
+        check_standing(spec, in_place_column(training.env.layout.names))
+    except ValueError as error:
+        raise InputError(f"{error}.") from None
     return spec
 
 

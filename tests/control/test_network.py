@@ -225,6 +225,11 @@ JOINT = {"output": "joint action values"}
             {"temperature_in_place": 2.0},
             "temperature_in_place is 2.0, but must be absent where temperature is.",
         ),
+        ({"hold_in_place": 8}, "hold_in_place is 8, but must be absent where temperature is."),
+        (
+            {"temperature": 0.5, "hold_in_place": 1},
+            "hold_in_place is 1, but must be a whole number from 2 to 10000 or None.",
+        ),
         ({"temperature": 0.0}, "temperature is 0.0, but must be a number from 0.001 to 1000 or None."),
         ({"activation": "gelu"}, 'activation is "gelu", but must be "relu" or "tanh".'),
         ({"hidden": [4097]}, "hidden is 4097, but must be a list of 1 to 8 whole numbers from 1 to 4096."),
@@ -388,4 +393,27 @@ def test_a_robot_that_has_stood_for_a_while_draws_at_the_temperature_for_that():
     assert str(caught.value) == (
         "temperature_in_place is 5.0, but must be absent where observations do not say how long a robot has "
         "been in place."
+    )
+
+
+def test_a_robot_that_has_stood_for_a_while_keeps_what_it_draws_by():
+    spec = NetworkSpec(inputs=4, hidden=[8], of_robot=[0, 0, 0], temperature=1.0)
+    weights = weights_of(spec)
+    observation = np.random.default_rng(1).normal(size=(300, 3, 4)).astype(np.float32)
+    observation[..., 2] = np.random.default_rng(2).choice([0.0, 0.45, 0.5, 0.95], (300, 3))
+    stands = observation[..., 2] >= 0.5
+    plain = Networks(spec, weights)
+    holds = Networks(spec.changed(hold_in_place=4), weights, in_place=2)
+    for decision in range(4, 12):
+        now, first = plain.act(observation, decision), plain.act(observation, 4 if decision < 8 else 8)
+        assert (holds.act(observation, decision) == np.where(stands, first, now)).all()
+    assert (plain.act(observation, 5) != plain.act(observation, 4))[stands].any()
+    both = Networks(spec.changed(hold_in_place=4, temperature_in_place=9.0), weights, in_place=2)
+    hot = Networks(spec.changed(temperature=9.0), weights).act(observation, 4)
+    assert (both.act(observation, 7) == np.where(stands, hot, plain.act(observation, 7))).all()
+    with pytest.raises(InputError) as caught:
+        Networks(spec.changed(hold_in_place=4), weights)
+    assert str(caught.value) == (
+        "hold_in_place is 4, but must be absent where observations do not say how long a robot has been in "
+        "place."
     )

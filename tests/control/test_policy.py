@@ -450,9 +450,9 @@ def test_records_know_a_team_by_its_weights_and_by_how_robots_in_place_draw(
     assert team_digest(folder) == weights
     in_place = ("in place", *card.observation[1:])
     digests = [weights]
-    for temperature, standing in ((0.5, None), (0.5, 2.0), (0.5, 3.0)):
-        network = card.network.changed(temperature=temperature, temperature_in_place=standing)
+    for standing, hold in ((None, None), (2.0, None), (3.0, None), (None, 8), (2.0, 8)):
+        network = card.network.changed(temperature=0.5, temperature_in_place=standing, hold_in_place=hold)
         save_policy(tmp_path / "p", weights_of(card), card.changed(network=network, observation=in_place))
         digests.append(team_digest(tmp_path / "p"))
     assert digests[0] == digests[1]
-    assert len(set(digests)) == 3
+    assert len(set(digests)) == 5

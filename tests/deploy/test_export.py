@@ -99,10 +99,16 @@ def test_the_first_of_equal_values_is_chosen_as_numpy_does(tmp_path, kind):
     assert (found.other_actions, found.largest_difference) == (0, 0.0)
 
 
+@pytest.mark.parametrize("hold", [None, 8])
 @pytest.mark.parametrize("in_place", [None, 20.0])
 @pytest.mark.parametrize("of_robot", [(0, 0, 0), (0, 1, 2)])
-def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot, in_place):
-    drawing = {"output": "logits", "temperature": 0.7, "temperature_in_place": in_place}
+def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot, in_place, hold):
+    drawing = {
+        "output": "logits",
+        "temperature": 0.7,
+        "temperature_in_place": in_place,
+        "hold_in_place": hold,
+    }
     folder = make_policy(tmp_path / "made", mask=True, of_robot=of_robot, **drawing)
     policy, exported = read_policy(folder), OnnxPolicy(onnx_model(folder))
     observations = random_observations(policy, 400)
@@ -114,6 +120,11 @@ def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot, in_place
         if in_place is not None:
             stands = observations[..., policy.card.in_place] >= 0.5
             assert (drawn != best)[stands].mean() > (drawn != best)[~stands].mean() + 0.05
+    if hold is not None:
+        stands = observations[..., policy.card.in_place] >= 0.5
+        same = exported.act(observations, 16) == exported.act(observations, 23)
+        assert same[stands].all()
+        assert not same[~stands].all()
     assert agreement(exported, policy, observations).holds
     with pytest.raises(InputError) as caught:
         exported.act(observations)
