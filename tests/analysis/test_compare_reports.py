@@ -5,12 +5,14 @@ import sys
 from pathlib import Path
 
 import matplotlib.image
+import pytest
 
 from robosim.cli.main import main
 
 TOOL = Path(__file__).parents[2] / "tools" / "compare_reports.py"
 
 
+@pytest.mark.slow
 def test_two_reports_become_one_picture(tmp_path):
     for controller, arena in (("lanes", "paper"), ("active", "single-lane")):
         team = ["evaluate", controller, "--arena", arena, "--robots", "2"]

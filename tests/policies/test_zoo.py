@@ -143,7 +143,16 @@ def test_loads_by_name_from_anywhere_and_fits_its_arena(name, tmp_path, monkeypa
     controller.reset(environment_for(controller))
 
 
-@shipped
+QUICK = (
+    "any", "paper-1", "paper-2", "paper-4", "paper-8", "paper-2-smadrl", "paper-4-wheels", "relay-4",
+    "robotarium-4", "s-bend-4", "single-lane-2", "three-wide-4",
+)  # fmt: skip
+"""One of each kind; the others differ from these in size or settings, and run with what takes longer."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in policy_names()]
+)
 def test_delivers_what_its_card_claims(name):
     policy = robosim.load_policy(name)
     assert disagreements(delivered_in_window(policy, name), policy.card.evaluation) == []

@@ -105,6 +105,7 @@ def test_twenty_thousand_random_decisions_of_eight_robots() -> None:
     run(env, 1250, 1.0, seed=1)
 
 
+@pytest.mark.slow
 def test_twenty_thousand_decisions_in_which_pellets_travel() -> None:
     """Lanes with a fifth of random actions: pellets are torn loose, lie about, and are delivered."""
     env = VectorEnv("paper", robots=8, num_envs=16, seed=2, episode_steps=10**6)
@@ -114,7 +115,7 @@ def test_twenty_thousand_decisions_in_which_pellets_travel() -> None:
     assert watch.delivered > 500
 
 
-@pytest.mark.parametrize("name", [name for name in arena_names() if name != "paper"])
+@pytest.mark.parametrize("name", arena_names())
 def test_the_same_on_every_arena_that_ships(name) -> None:
     env = VectorEnv(name, robots=8, num_envs=4, seed=3, episode_steps=10**6)
     watch = run(env, 500, 0.2, seed=3)
