@@ -5,7 +5,8 @@
 Trainings that start from the same policy stay close enough for the mean of their weights to do as well as
 they do, and often better than each in what the other had forgotten (Wortsman 2022, "Model soups",
 arXiv:2203.05482). For trainings that began by themselves the mean is of no use. The card is that of the last
-policy, with this command, and decisions and time of all.
+policy, with this command, and decisions and time of all; so that one says how actions are drawn, in which
+teams may differ.
 """
 
 from __future__ import annotations
@@ -20,9 +21,13 @@ import numpy as np
 
 from robosim.cli.main import exit_code
 from robosim.control.card import PolicyCard
-from robosim.control.network import Weights
+from robosim.control.network import DRAWING, NetworkSpec, Weights
 from robosim.control.policy import load_policy, save_policy
 from robosim.errors import InputError
+
+
+def _without_drawing(network: NetworkSpec) -> NetworkSpec:
+    return network.changed(**dict.fromkeys(DRAWING))
 
 
 def average(policies: Sequence[str | Path], out: str | Path) -> PolicyCard:
@@ -36,7 +41,7 @@ def average(policies: Sequence[str | Path], out: str | Path) -> PolicyCard:
     last = read[-1].card
     for name, policy in zip(policies, read, strict=True):
         for what, one, other in (
-            ("network", policy.card.network, last.network),
+            ("network", _without_drawing(policy.card.network), _without_drawing(last.network)),
             ("observation", policy.card.observation, last.observation),
             ("env.actions", policy.card.env.actions, last.env.actions),
             ("technique", policy.card.technique.name, last.technique.name),

@@ -18,9 +18,9 @@ tool = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(tool)
 
 
-def make_policy(folder, seed, hidden=(8,), technique="ps-ippo"):
+def make_policy(folder, seed, hidden=(8,), technique="ps-ippo", **drawing):
     env = VectorEnv("paper", robots=2)
-    network = NetworkSpec(inputs=env.layout.size, hidden=hidden, of_robot=(0, 0))
+    network = NetworkSpec(inputs=env.layout.size, hidden=hidden, of_robot=(0, 0), **drawing)
     rng = np.random.default_rng(seed)
     weights = {name: rng.normal(size=shape).astype(np.float32) for name, shape in network.shapes.items()}
     training = TrainingCard(command="robosim train", seed=seed, steps=10 + seed, wall_time=1.5, versions={})
@@ -51,6 +51,13 @@ def test_equal_policies_have_themselves_as_their_mean(tmp_path):
     tool.average([folder, folder], tmp_path / "mean")
     mean, before = load_policy(tmp_path / "mean").weights(), load_policy(folder).weights()
     assert all((mean[key] == array).all() for key, array in before.items())
+
+
+def test_how_actions_are_drawn_may_differ_and_is_that_of_the_last(tmp_path):
+    drawing = {"temperature": 0.5, "temperature_in_place": 8.0, "hold_in_place": 8}
+    best, draws = make_policy(tmp_path / "best", 1), make_policy(tmp_path / "draws", 1, **drawing)
+    assert tool.average([best, draws], tmp_path / "mean").network == load_policy(draws).card.network
+    assert tool.average([draws, best], tmp_path / "mean").network == load_policy(best).card.network
 
 
 def test_what_has_no_mean_is_refused_and_nothing_is_written(tmp_path, capsys):
