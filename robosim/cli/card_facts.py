@@ -112,11 +112,10 @@ def _drawn(network: NetworkSpec) -> list[str]:
     if network.temperature is None:
         return []
     standing, hold = network.temperature_in_place, network.hold_in_place
-    after = "" if standing is None else f", {standing:g} after a while in place"
-    held = "" if hold is None else f", where draws hold for {hold} decisions"
-    if standing is None and held:
-        held = f"; after a while in place draws hold for {hold} decisions"
-    return [f"actions drawn at temperature {network.temperature:g}{after}{held}"]
+    in_place = [] if standing is None else [f"at {standing:g}"]
+    in_place += [] if hold is None else [f"by one draw for {hold} decisions"]
+    after = f", after a while in place {' and '.join(in_place)}" if in_place else ""
+    return [f"actions drawn at temperature {network.temperature:g}{after}"]
 
 
 def _results(what: str, evaluation: Evaluation) -> list[tuple[str, str]]:

@@ -1,0 +1,34 @@
+"""What a policy's card says in words."""
+
+import pytest
+
+from robosim.cli.card_facts import facts_of
+from robosim.control.policy import find_policy, load_policy
+
+
+@pytest.mark.parametrize(
+    ("drawing", "said"),
+    [
+        ({"temperature": None}, None),
+        ({"temperature": 0.5}, "actions drawn at temperature 0.5"),
+        (
+            {"temperature": 0.5, "temperature_in_place": 2.0},
+            "actions drawn at temperature 0.5, after a while in place at 2",
+        ),
+        (
+            {"temperature": 0.5, "hold_in_place": 8},
+            "actions drawn at temperature 0.5, after a while in place by one draw for 8 decisions",
+        ),
+        (
+            {"temperature": 0.5, "temperature_in_place": 20.0, "hold_in_place": 8},
+            "actions drawn at temperature 0.5, after a while in place at 20 and by one draw for 8 decisions",
+        ),
+    ],
+)
+def test_how_actions_are_drawn_ends_the_line_on_the_network(drawing, said):
+    card = load_policy("paper-4").card
+    card = card.changed(network=card.network.changed(**drawing))
+    (line,) = [
+        text for _, text in facts_of("paper-4", card, find_policy("paper-4")) if "own observation" in text
+    ]
+    assert line.partition("blocked moves are not chosen")[2] == ("" if said is None else f", {said}")
