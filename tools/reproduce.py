@@ -66,7 +66,7 @@ class Section:
     figures: tuple[str, ...] = ()
     """Of those that `robosim compare` draws."""
     drawn: tuple[int, ...] = ()
-    """Sizes of the teams in the figures; all if empty."""
+    """Sizes of the teams in the figures that have a panel for each; all if empty."""
     also: Mapping[str, str] | None = None
     """Further tables: names of figures, and what they are."""
 
@@ -222,10 +222,15 @@ def paper_rows(table: SweepTable) -> dict[str, dict[Column, str]]:
 
 def figure_lines(section: Section) -> Iterator[str]:
     """Draw the figures of a section and yield the lines that show them."""
-    runs = [one for one in read_runs([results_file(section.name)]) if drawn(section, one)]
+    every = read_runs([results_file(section.name)])
+    runs = [one for one in every if drawn(section, one)]
     if not runs or not section.figures:
         return
-    for name, picture in draw_comparison(compare(runs), runs):
+    # One figure has a point for each size, so all of them fit; the others have a panel for each.
+    pictures = dict(draw_comparison(compare(runs), runs))
+    if len(every) > len(runs):
+        pictures["team-size"] = dict(draw_comparison(compare(every), every))["team-size"]
+    for name, picture in pictures.items():
         if name in section.figures:
             path = IMAGES / f"results-{section.name}-{name}.png"
             path.write_bytes(picture.png)

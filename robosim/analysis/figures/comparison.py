@@ -269,7 +269,7 @@ def _once(name: str, labelled: set[str]) -> str | None:
 def _legend_columns(names: Sequence[str], width: float) -> int:
     """Return how many entries of a legend stand beside each other in `width` inches."""
     longest = max(map(len, names)) + 5
-    return max(1, min(len(names), int(15.5 * width / longest)))
+    return max(1, min(len(names), int(15.0 * width / longest)))
 
 
 def _decades(least: float, most: float) -> tuple[float, float]:

@@ -5,6 +5,7 @@ from robosim.analysis.figures.comparison import (
     Line,
     Panel,
     Systems,
+    by_team_size,
     cumulative_pellets,
     pellets_against_touches,
 )
@@ -75,3 +76,14 @@ def test_axes_keep_their_height_below_a_long_legend() -> None:
         return [axes.get_position().height * figure.get_figheight() for axes in figure.axes]
 
     assert heights(40) == pytest.approx(heights(4), rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["ps-map", "ps-mappo", "iql", "ps-dqn learning_rate=0.003"])
+def test_a_long_legend_stays_within_the_figure(name) -> None:
+    names = [f"{name}{number}" for number in range(10, 30)]
+    lines = [Line(one, np.array([1.0, 8.0]), np.array([9.0, 90.0])) for one in names]
+    with look():
+        figure = by_team_size([Panel("paper", lines)], Systems(names), "pellets")
+        figure.draw_without_rendering()
+    (legend,) = figure.legends
+    assert legend.get_window_extent().x1 <= figure.bbox.x1
