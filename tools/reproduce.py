@@ -229,7 +229,8 @@ def figure_lines(section: Section) -> Iterator[str]:
     # One figure has a point for each size, so all of them fit; the others have a panel for each.
     pictures = dict(draw_comparison(compare(runs), runs))
     if len(every) > len(runs):
-        pictures["team-size"] = dict(draw_comparison(compare(every), every))["team-size"]
+        drawings = draw_comparison(compare(every), every)
+        pictures["team-size"] = next(picture for name, picture in drawings if name == "team-size")
     for name, picture in pictures.items():
         if name in section.figures:
             path = IMAGES / f"results-{section.name}-{name}.png"

@@ -19,7 +19,9 @@ LEAST_SQUARE = 1e-5
 """Added to the mean square, or to the variance, by which hidden layers are normalised."""
 Activation = Literal["relu", "tanh"]
 Normalisation = Literal["none", "rms", "layer"]
-DRAWING = ("temperature", "temperature_in_place", "hold_in_place")
+DRAWING_IN_PLACE = ("temperature_in_place", "hold_in_place")
+"""Fields of `NetworkSpec` that say how robots draw that have stood for a while."""
+DRAWING = ("temperature", *DRAWING_IN_PLACE)
 """Fields of `NetworkSpec` that say how actions are drawn."""
 MOST_DECISIONS = 2**64 - 1
 """Up to which draws count the decisions of an episode."""
@@ -92,10 +94,7 @@ class NetworkSpec(Record):
     @property
     def asks_for_standing(self) -> str | None:
         """Field that needs an observation to say how long a robot has been in place; None where none does."""
-        for name in ("temperature_in_place", "hold_in_place"):
-            if getattr(self, name) is not None:
-                return name
-        return None
+        return next((name for name in DRAWING_IN_PLACE if getattr(self, name) is not None), None)
 
     @property
     def shared(self) -> bool:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from robosim.arena.shipped import shipped_folder
 from robosim.control.card import MOST_BYTES, PolicyCard, card_text, read_card
 from robosim.control.html import policy_html
-from robosim.control.network import Networks, Weights, check_weights
+from robosim.control.network import DRAWING_IN_PLACE, Networks, Weights, check_weights
 from robosim.errors import InputError, nearest_names, printable, shown
 from robosim.errors import name_or_path as text_of
 from robosim.files import is_regular, require_unchanged
@@ -148,7 +148,7 @@ def team_digest(folder: Path) -> str:
     """
     digest = hashlib.sha256((folder / WEIGHTS_FILE).read_bytes())
     network = read_card(folder / CARD_FILE).network
-    for name in ("temperature_in_place", "hold_in_place"):
+    for name in DRAWING_IN_PLACE:
         if getattr(network, name) is not None:
             digest.update(f"{name}={getattr(network, name)}".encode())
     return digest.hexdigest()
