@@ -28,15 +28,15 @@ def load_arena(name_or_path: str | Path) -> Arena:
     Raises InputError with one sentence per mistake, one on each line.
     """
     if isinstance(name_or_path, str) and "\n" in name_or_path:
-        return _parsed(name_or_path)
+        return _parsed(name_or_path, "arena")
     path = _find(name_or_path)
-    return parse_arena(_read(path), str(path))
+    return _parsed(_read(path), str(path))
 
 
 @lru_cache(maxsize=64)
-def _parsed(text: str) -> Arena:
+def _parsed(text: str, file: str) -> Arena:
     """Read an arena's text, or take the one that was read from it: arenas do not change."""
-    return parse_arena(text, "arena")
+    return parse_arena(text, file)
 
 
 def _find(name_or_path: str | Path) -> Path:

@@ -33,6 +33,16 @@ def test_a_path_works_where_a_name_does(tmp_path: Path) -> None:
     assert load_arena(own).file == str(own)
 
 
+def test_an_arena_is_taken_from_memory_until_its_file_changes(tmp_path: Path) -> None:
+    text = (shipped_folder("arenas") / "paper.toml").read_text()
+    own = tmp_path / "own.toml"
+    own.write_text(text)
+    before = load_arena(own)
+    assert load_arena(own) is before
+    own.write_text(text.replace("count = 60", "count = 59"))
+    assert (before.pellets.count, load_arena(own).pellets.count) == (60, 59)
+
+
 def test_unknown_name_offers_the_nearest() -> None:
     assert refusal("papr") == "No arena is named 'papr': did you mean paper or paper-grid?"
     assert refusal("zzz") == f"No arena is named 'zzz': known names are {', '.join(NINE)}."

@@ -18,7 +18,7 @@ from robosim.equality import EqualByValue
 Floats = NDArray[np.float64]
 
 _MARKERS = "os^Dvp*X"
-_DASHES = ((0, ()), (0, (4, 2)), (0, (1, 1.5)))
+_DASHES = ((0, ()), (0, (4, 2)), (0, (1, 1.5)), (0, (5, 1.5, 1, 1.5)))
 _PANEL_HEIGHT = 1.75
 _LEGEND_ROW = 0.17
 """Height of a row of a legend, inches."""

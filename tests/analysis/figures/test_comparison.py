@@ -87,3 +87,10 @@ def test_a_long_legend_stays_within_the_figure(name) -> None:
         figure.draw_without_rendering()
     (legend,) = figure.legends
     assert legend.get_window_extent().x1 <= figure.bbox.x1
+
+
+def test_twenty_four_systems_and_a_reference_all_look_different() -> None:
+    names = [f"system {number}" for number in range(24)]
+    systems = Systems(["lanes", *names], reference="lanes")
+    assert len({(systems.colour(name), systems.dash(name)) for name in ["lanes", *names]}) == 25
+    assert len({(systems.colour(name), systems.marker(name)) for name in ["lanes", *names]}) == 25
