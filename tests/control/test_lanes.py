@@ -28,6 +28,7 @@ def trips_of_one() -> np.ndarray:
     return run("paper", 1, 3, 5000, seed=21).sum(axis=0)
 
 
+@pytest.mark.slow
 def test_one_robot_on_paper_makes_the_trips_of_the_papers_table(trips_of_one) -> None:
     print(f"one robot: {trips_of_one.tolist()} trips in 5000 decisions")
     assert ((trips_of_one >= 44) & (trips_of_one <= 48)).all()
@@ -43,7 +44,7 @@ def test_eight_robots_on_paper_do_seven_times_the_work_of_one(trips_of_one) -> N
     assert (ratio >= 7.0).all()
 
 
-QUICK = ("paper", "single-lane", "relay")
+QUICK = ("single-lane", "relay")
 
 
 @pytest.mark.parametrize(
@@ -58,24 +59,22 @@ def test_four_robots_on_every_arena_never_stand_still_for_good(name) -> None:
     assert (trips > 0).all()
 
 
-def test_a_batch_is_driven_as_its_members_alone() -> None:
+@pytest.mark.parametrize("name", ["single-lane", pytest.param("three-wide", marks=pytest.mark.slow)])
+def test_a_batch_is_driven_as_its_members_alone(name) -> None:
     """Nothing of one environment reaches another, gates and patience included."""
-    for name in ("single-lane", "three-wide"):
-        env = VectorEnv(name, robots=5, num_envs=3, seed=2, episode_steps=300, autoreset=False)
-        alone = [
-            VectorEnv(name, robots=5, seed=[seed], episode_steps=300, autoreset=False) for seed in env.seeds
-        ]
-        controllers = [LanesController() for _ in range(4)]
-        for one, controller in zip([env, *alone], controllers, strict=True):
-            one.reset()
-            controller.reset(one)
-        for _ in range(300):
-            actions = controllers[0].act(env, np.zeros(0, dtype=np.float32))
-            for index, one in enumerate(alone):
-                own = controllers[1 + index].act(one, np.zeros(0, dtype=np.float32))
-                assert own[0].tolist() == actions[index].tolist()
-                one.step(own)
-            env.step(actions)
+    env = VectorEnv(name, robots=5, num_envs=3, seed=2, episode_steps=300, autoreset=False)
+    alone = [VectorEnv(name, robots=5, seed=[seed], episode_steps=300, autoreset=False) for seed in env.seeds]
+    controllers = [LanesController() for _ in range(4)]
+    for one, controller in zip([env, *alone], controllers, strict=True):
+        one.reset()
+        controller.reset(one)
+    for _ in range(300):
+        actions = controllers[0].act(env, np.zeros(0, dtype=np.float32))
+        for index, one in enumerate(alone):
+            own = controllers[1 + index].act(one, np.zeros(0, dtype=np.float32))
+            assert own[0].tolist() == actions[index].tolist()
+            one.step(own)
+        env.step(actions)
 
 
 def test_a_mirrored_arena_is_worked_as_well() -> None:

@@ -608,6 +608,7 @@ def test_nothing_good_to_resume_is_a_sentence_each(tmp_path):
         assert sentence.startswith(f"{path}: not a whole checkpoint (")
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_ends_the_run_with_a_sentence_and_keeps_the_checkpoint_before(tmp_path):
     folder = tmp_path / "run"
     paths = interrupted(folder, short(steps=700, checkpoint_every=200))

@@ -141,12 +141,14 @@ def delivered(name: str, arena: str, robots: int, decisions: int, envs: int = 2)
     return env.delivered.sum(axis=1)
 
 
+@pytest.mark.slow
 def test_one_robot_makes_the_trips_of_the_papers_table_on_an_arena_of_the_grids_own() -> None:
     trips = delivered("lanes", "paper-grid", 1, 5000)
     print("trips of one robot:", trips)
     assert ((trips >= 46) & (trips <= 53)).all()
 
 
+@pytest.mark.slow
 def test_two_four_and_eight_robots_do_the_work_of_as_many() -> None:
     """Two lanes carry eight robots without a jam."""
     pellets = {robots: float(delivered("lanes", "paper", robots, 1000).mean()) for robots in (1, 2, 4, 8)}
