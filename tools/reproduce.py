@@ -75,7 +75,8 @@ TOUCHES = {
     "touches": "Touches: decisions in which robots that did not stop touched another, summed over robots."
 }
 WORK = {
-    "gini": "Gini coefficient of the pellets that each robot delivered: 0 where all do the same.",
+    "gini": "Gini coefficient of the pellets that each robot delivered: 0 where all do the same. There is no "
+    "such figure of one robot, nor where nothing was delivered.",
     "one_at_a_time": "Share of the episodes that the classifier calls One-at-a-Time.",
     "bucket_brigade": "Share of the episodes that it calls Bucket-Brigade.",
     "clogged_share": "Share of the time in which the tunnel was clogged.",

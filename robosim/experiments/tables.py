@@ -28,6 +28,8 @@ class Cell:
     """Runs that the sweep asks for."""
     scores: list[float] = field(default_factory=list)
     """Of those that have a record, in the sweep's order: the mean of a figure over a run's episodes."""
+    without: int = 0
+    """Runs whose record lacks the figure: how evenly one robot works, for one."""
     skip: str = ""
     """Why they are not run, if they are not to be."""
 
@@ -40,9 +42,14 @@ class Cell:
         """Return the interquartile mean with its 95 % interval, or plainly what there is instead."""
         if self.skip:
             return "none"
+        run = len(self.scores) + self.without
         if not self.scores:
+            if self.without:
+                return "no figure" if run == self.planned else f"no figure ({run} of {self.planned})"
             return "not run" if self.planned else ""
-        missing = f" ({len(self.scores)} of {self.planned})" if len(self.scores) < self.planned else ""
+        notes = [f"{run} of {self.planned}"] if run < self.planned else []
+        notes += [f"no figure in {self.without}"] if self.without else []
+        missing = f" ({', '.join(notes)})" if notes else ""
         if len(self.scores) < LEAST_RUNS:
             return ", ".join(f"{score:.{digits}f}" for score in self.scores) + missing
         found = estimate(interquartile_mean, np.array(self.scores))
@@ -104,8 +111,11 @@ def sweep_table(sweep: Sweep, results: Mapping[str, Result], figure: str = "pell
         cell.planned += 1
         if run.job is None:
             cell.skip = run.skip.rstrip(".")
-        elif (result := results.get(run.job.key)) is not None and result.figures.get(figure):
-            cell.scores.append(float(np.mean(result.figures[figure])))
+        elif (result := results.get(run.job.key)) is not None:
+            if values := result.figures.get(figure):
+                cell.scores.append(float(np.mean(values)))
+            else:
+                cell.without += 1
     every = dict.fromkeys(column for cells in rows.values() for column in cells)
     return SweepTable(sorted(every, key=_order), rows)
 

@@ -1,5 +1,6 @@
 """Tables of a sweep: what has a record, what has not run, and what is not to be run."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -71,6 +72,21 @@ def test_what_did_not_run_is_said_and_never_guessed(sweep: Sweep) -> None:
     assert list(found.reasons()) == [
         f"`iql`, `learning_rate` {rate}, 1 robot: one robot has nobody to meet." for rate in (0.001, 0.01)
     ]
+
+
+def test_a_record_without_the_figure_is_no_run_that_is_missing(sweep: Sweep) -> None:
+    lanes = record(sweep, {("lanes", 1, seed, None): [50.0] for seed in range(4)})
+    lanes = {key: replace(result, figures={"pellets": [50.0]}) for key, result in lanes.items()}
+    iql = record(sweep, {("iql", 4, seed, 0.001): [10.0, 10.0] for seed in range(3)})
+    first = next(iter(iql))
+    iql[first] = replace(iql[first], figures={"pellets": [10.0], "touches": []})
+    found = sweep_table(sweep, lanes | iql, "touches")
+    assert found.cell("`lanes`", robots=1).shown() == "no figure"
+    assert found.cell("`lanes`", robots=1).iqm is None
+    cell = found.cell("`iql`, `learning_rate` 0.001", robots=4)
+    assert cell.shown() == "20, 20 (3 of 4, no figure in 1)"
+    del lanes[next(iter(lanes))]
+    assert sweep_table(sweep, lanes, "touches").cell("`lanes`", robots=1).shown() == "no figure (3 of 4)"
 
 
 def test_the_table_in_markdown_has_columns_by_size_and_rows_in_the_order_of_the_sweep(sweep: Sweep) -> None:
