@@ -228,9 +228,10 @@ def figure_lines(section: Section) -> Iterator[str]:
     if not runs or not section.figures:
         return
     # One figure has a point for each size, so all of them fit; the others have a panel for each.
-    pictures = dict(draw_comparison(compare(runs), runs))
+    names = sorted({run.system for run in every})
+    pictures = dict(draw_comparison(compare(runs), runs, names))
     if len(every) > len(runs):
-        drawings = draw_comparison(compare(every), every)
+        drawings = draw_comparison(compare(every), every, names)
         pictures["team-size"] = next(picture for name, picture in drawings if name == "team-size")
     for name, picture in pictures.items():
         if name in section.figures:

@@ -19,8 +19,14 @@ CURVE_POINTS = 40
 _THRESHOLDS = 201
 
 
-def draw_comparison(comparison: Comparison, runs: Sequence[Run]) -> Iterator[tuple[str, Rendered]]:
-    """Yield each figure that there is something to draw for, by its name; equal runs give equal bytes."""
+def draw_comparison(
+    comparison: Comparison, runs: Sequence[Run], names: Sequence[str] = ()
+) -> Iterator[tuple[str, Rendered]]:
+    """Yield each figure that there is something to draw for, by its name; equal runs give equal bytes.
+
+    Systems get their colours in the order of `names`, which may hold more than there are, then in that of the
+    runs: figures drawn with the same names show a system alike.
+    """
     tasks = [table.task for table in comparison.tables]
     curves = [_panel(task, tasks, _learned(_runs_of(runs, task))) for task in tasks]
     by_then = [_panel(task, tasks, _delivered_by_then(_runs_of(runs, task))) for task in tasks]
@@ -29,7 +35,7 @@ def draw_comparison(comparison: Comparison, runs: Sequence[Run]) -> Iterator[tup
     better = [_panel(table.task, tasks, _improvements(table.rows)) for table in comparison.tables]
     baselines = {table.baseline for table in comparison.tables if table.baseline is not None}
     reference = baselines.pop() if len(baselines) == 1 else None
-    systems = Systems(list(dict.fromkeys(run.system for run in runs)), reference)
+    systems = Systems(list(dict.fromkeys([*names, *(run.system for run in runs)])), reference)
     baseline = reference or "the best system"
     with look():
         if filled := [panel for panel in curves if panel.lines]:
