@@ -161,6 +161,10 @@ class Controller:
         begins = decision != self._decision
         if begins:
             self._decide(readings, stopped, decision)
+            if self._emergency and not stopped.all():
+                # It came while the decision waited for the map.
+                reasons, stopped = (self._emergency,) * self.robots, np.ones(self.robots, np.bool_)
+                self._team.stand()
         self._periods, self._decision = period + 1, decision
         command = Command(
             wheel_speeds=self._team.wheel_speeds(stopped),

@@ -201,6 +201,31 @@ def test_an_emergency_stop_holds_all_robots_and_sees_that_they_rest():
     assert np.abs(command.wheel_speeds).max() > 0
 
 
+def test_an_emergency_stop_that_comes_in_the_midst_of_a_decision_holds_at_once():
+    """A robot hears what comes while its decision waits for the map."""
+    policy = load_policy("paper-4")
+
+    class Interrupted:
+        card = policy.card
+
+        def act(self, observation, decision=None):
+            if decision == 3:
+                controller.emergency_stop("a hand in the arena")
+            return policy.act(observation, decision)
+
+    controller = Controller(Interrupted())
+    robots = SimulatedRobots(controller.config, 5)
+    for period in range(5 * controller.arena.timing.control_steps):
+        command = controller.step(robots.readings(), robots.now)
+        held = period >= 3 * controller.arena.timing.control_steps
+        assert command.stopped == ("a hand in the arena" if held else "",) * 4
+        assert command.wheel_speeds.any() == (not held)
+        if held:
+            assert (command.gripper == Gripper.KEEP).all()
+            assert command.actions is None or (command.actions == 4).all()
+        robots.obey(command)
+
+
 def test_an_emergency_stop_says_who_does_not_stop_or_is_not_seen():
     controller, robots = started("paper-4", periods=31)
     command = controller.emergency_stop()
