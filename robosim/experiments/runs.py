@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.arena import Arena, load_arena
+from robosim.arena import load_arena
 from robosim.control.card import MOST_BYTES, Evaluation, PolicyCard
 from robosim.control.network import DRAWING
 from robosim.control.policy import RUN_RECORD, check_run
@@ -247,7 +246,7 @@ def _read_folder(folder: Path) -> Run:
     (evaluation,) = evaluations
     config = folder / CONFIG_FILE
     tables = read_toml(config, MOST_CONFIG, "run configuration")
-    arena = _arena(str(_table(tables, "env", str(config)).get("arena", evaluation.arena)))
+    arena = load_arena(str(_table(tables, "env", str(config)).get("arena", evaluation.arena)))
     return _evaluated(
         evaluation,
         str(folder),
@@ -311,7 +310,7 @@ def _read_result(result: Result, source: str) -> Run:
     """Return the run that a line of a sweep's results is of."""
     env = EnvConfig.from_table(_table(result.config, "env", source), f"{source}: env")
     measuring = _table(result.config, "evaluation", source)
-    arena = _arena(env.arena)
+    arena = load_arena(env.arena)
     steps = whole_number(
         f"{source}: evaluation.steps", measuring.get("steps") or arena.timing.episode_steps, 1, MOST_STEPS
     )
@@ -352,11 +351,6 @@ def _effective(profile: ProfileConfig | None) -> tuple[str, str]:
     if bare == ProfileConfig():
         return "", ""
     return without_controls(profile.name) or _UNNAMED, bare.model_dump_json()
-
-
-@cache
-def _arena(name_or_text: str) -> Arena:
-    return load_arena(name_or_text)
 
 
 def _described(config: Mapping[str, Any], place: str) -> dict[str, Any]:

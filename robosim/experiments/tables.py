@@ -43,13 +43,14 @@ class Cell:
         if self.skip:
             return "none"
         run = len(self.scores) + self.without
-        if not self.scores:
-            if self.without:
-                return "no figure" if run == self.planned else f"no figure ({run} of {self.planned})"
+        if not run:
             return "not run" if self.planned else ""
         notes = [f"{run} of {self.planned}"] if run < self.planned else []
-        notes += [f"no figure in {self.without}"] if self.without else []
+        if self.scores and self.without:
+            notes.append(f"no figure in {self.without}")
         missing = f" ({', '.join(notes)})" if notes else ""
+        if not self.scores:
+            return "no figure" + missing
         if len(self.scores) < LEAST_RUNS:
             return ", ".join(f"{score:.{digits}f}" for score in self.scores) + missing
         found = estimate(interquartile_mean, np.array(self.scores))
