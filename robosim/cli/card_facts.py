@@ -111,10 +111,10 @@ def _drawn(network: NetworkSpec) -> list[str]:
     """Say how actions are drawn, if they are."""
     if network.temperature is None:
         return []
-    standing, hold = network.temperature_in_place, network.hold_in_place
+    standing, retreat = network.temperature_in_place, network.retreat_in_place
     in_place = [] if standing is None else [f"at {standing:g}"]
-    in_place += [] if hold is None else [f"by one draw for {hold} decisions"]
-    after = f", after a while in place {' and '.join(in_place)}" if in_place else ""
+    in_place += [] if retreat is None else [f"retreating for {retreat} decisions"]
+    after = f", after a while in place {' or '.join(in_place)}" if in_place else ""
     return [f"actions drawn at temperature {network.temperature:g}{after}"]
 
 

@@ -14,7 +14,7 @@ from robosim.arena.model import Arena
 from robosim.arena.schema import RobotSection, TimingSection
 from robosim.control.html import evaluation_html
 from robosim.control.network import NetworkSpec, Weights, check_standing, check_weights
-from robosim.discretise.observation import MoveGains, gain_columns, in_place_column
+from robosim.discretise.observation import Columns, MoveGains, find_columns
 from robosim.envs.config import EnvConfig
 from robosim.envs.profile import ProfileConfig
 from robosim.errors import InputError, printable, shown
@@ -246,12 +246,12 @@ class PolicyCard(Record):
     @property
     def gains(self) -> MoveGains | None:
         """Where an observation holds the gains of moves, as `gain_columns` returns it."""
-        return gain_columns(self.observation, self.env.actions)
+        return self.columns.gains
 
     @property
-    def in_place(self) -> int | None:
-        """Where an observation says how long a robot has been in place, as `in_place_column` returns it."""
-        return in_place_column(self.observation)
+    def columns(self) -> Columns:
+        """Where an observation holds what a policy goes by, besides its networks."""
+        return find_columns(self.observation, self.env.actions)
 
     @model_validator(mode="after")
     def _check_whole(self) -> Self:
@@ -271,7 +271,7 @@ class PolicyCard(Record):
                 f"network.mask is {shown(True)}, but must be {shown(False)} where observations hold no gains "
                 "of moves"
             )
-        check_standing(network, self.in_place, "network.")
+        check_standing(network, self.columns, "network.")
         if "\n" not in self.env.arena:
             raise ValueError(f"env.arena is {shown(self.env.arena)}, but must be the text of an arena")
         if self.arena.sha256 != fingerprint(self.env.arena):

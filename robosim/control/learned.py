@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from robosim.arena.model import Arena
 from robosim.arena.schema import RobotSection
 from robosim.control.card import PolicyCard, arena_card
+from robosim.control.player import Player
 from robosim.control.policy import Policy
 from robosim.discretise.observation import ObservationLayout
 from robosim.envs.config import EnvConfig
@@ -36,6 +37,7 @@ class LearnedController:
     def __init__(self, policy: Policy, name: str) -> None:
         self.policy = policy
         self.name = name
+        self._player = Player(policy.act, policy.card.network)
         self._decision = 0
 
     def reset(self, env: VectorEnv) -> None:
@@ -46,7 +48,7 @@ class LearnedController:
     def act(self, env: VectorEnv, observation: NDArray[np.float32]) -> NDArray[np.int64]:
         """Return actions [envs, robots] from `observation` [envs, robots, size]."""
         decision, self._decision = self._decision, self._decision + 1
-        return self.policy.act(observation, decision)
+        return self._player.act(observation, decision)
 
 
 def check_fit(card: PolicyCard, team: Team, name: str) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from robosim.discretise.observation import STANDING, MoveGains, blocked_moves
+from robosim.control.retreat import Retreat, known_for_retreats
+from robosim.discretise.observation import NO_COLUMNS, STANDING, Columns, blocked_moves
 from robosim.errors import InputError, shown, whole_number
 from robosim.records import Many, Record
 from robosim.robot.drivers import FEWEST_ACTIONS
@@ -19,9 +20,9 @@ LEAST_SQUARE = 1e-5
 """Added to the mean square, or to the variance, by which hidden layers are normalised."""
 Activation = Literal["relu", "tanh"]
 Normalisation = Literal["none", "rms", "layer"]
-DRAWING_IN_PLACE = ("temperature_in_place", "hold_in_place")
-"""Fields of `NetworkSpec` that say how robots draw that have stood for a while."""
-DRAWING = ("temperature", *DRAWING_IN_PLACE)
+IN_PLACE_FIELDS = ("temperature_in_place", "retreat_in_place")
+"""Fields of `NetworkSpec` that say what robots do that have stood for a while."""
+DRAWING = ("temperature", *IN_PLACE_FIELDS)
 """Fields of `NetworkSpec` that say how actions are drawn."""
 MOST_DECISIONS = 2**64 - 1
 """Up to which draws count the decisions of an episode."""
@@ -30,6 +31,7 @@ MOST_OUTPUTS = 1_000_000
 
 Output = Literal["action values", "logits", "joint action values", "joint logits"]
 Floats = NDArray[np.float32]
+Whole = NDArray[np.int64]
 Weights = Mapping[str, NDArray[np.floating]]
 """`layer0.weight` [networks, in, out], `layer0.bias` [networks, out], `layer1.weight` and so on."""
 
@@ -72,9 +74,9 @@ class NetworkSpec(Record):
     """Instead of `temperature`, for a robot that has stood for a while: of which the number `in place` of its
     observation is `STANDING` or more. Robots that have come to a stand try something else; none for the same
     temperature at all times."""
-    hold_in_place: int | None = Field(default=None, ge=2, le=10_000)
-    """Decisions, from every multiple of this on, for which a robot that has stood for a while keeps the
-    number by which it draws, so that what it tries lasts; none for a new number in every decision."""
+    retreat_in_place: int | None = Field(default=None, ge=2, le=10_000)
+    """Decisions for which a robot that has stood for a while retreats once it begins to, a third of them with
+    a pellet (`robosim.control.retreat`); none for no retreats."""
 
     @property
     def robots(self) -> int:
@@ -94,7 +96,7 @@ class NetworkSpec(Record):
     @property
     def asks_for_standing(self) -> str | None:
         """Field that needs an observation to say how long a robot has been in place; None where none does."""
-        return next((name for name in DRAWING_IN_PLACE if getattr(self, name) is not None), None)
+        return next((name for name in IN_PLACE_FIELDS if getattr(self, name) is not None), None)
 
     @property
     def shared(self) -> bool:
@@ -179,13 +181,16 @@ def check_drawing(settings: Record) -> None:
             raise ValueError(f"{name} is {shown(given)}, but must be absent where {temperature} is")
 
 
-def check_standing(spec: NetworkSpec, in_place: int | None, place: str = "") -> None:
-    """Raise ValueError where `spec` asks how long a robot has been in place, and `in_place` is None."""
+def check_standing(spec: NetworkSpec, columns: Columns, place: str = "") -> None:
+    """Raise ValueError where `spec` asks for what observations do not hold."""
     field = spec.asks_for_standing
-    if field is not None and in_place is None:
+    missing = "" if columns.in_place is not None else "say how long a robot has been in place"
+    if spec.retreat_in_place is not None and not missing and known_for_retreats(columns) is None:
+        field, missing = "retreat_in_place", "say what robots carry and which moves lead where"
+    if field is not None and missing:
         raise ValueError(
             f"{place}{field} is {shown(getattr(spec, field))}, but must be absent where observations do not "
-            "say how long a robot has been in place"
+            f"{missing}"
         )
 
 
@@ -196,30 +201,30 @@ class Networks:
         self,
         spec: NetworkSpec,
         weights: Weights,
-        gains: MoveGains | None = None,
+        columns: Columns = NO_COLUMNS,
         place: str = "weights",
-        in_place: int | None = None,
     ) -> None:
         """Take `weights` of the shapes `spec.shapes`.
 
-        `gains` is where an observation holds the gains of moves (`gain_columns`); a spec with a `mask` needs
-        it. `in_place` is where it holds that number (`in_place_column`); `temperature_in_place` and
-        `hold_in_place` need it. InputError, in one sentence that begins with `place`, for weights that do not
-        fit or overflow.
+        `columns` are where an observation holds what is needed besides: a spec with a `mask` needs the gains
+        of moves, `temperature_in_place` how long a robot has been in place, `retreat_in_place` all of them.
+        InputError, in one sentence that begins with `place`, for weights that do not fit or overflow.
         """
         check_weights(spec, weights, place)
-        if spec.mask and gains is None:
+        if spec.mask and columns.gains is None:
             raise InputError(
                 f"mask is {shown(True)}, but must be {shown(False)} where observations hold no "
                 "gains of moves."
             )
         try:
-            check_standing(spec, in_place)
+            check_standing(spec, columns)
         except ValueError as error:
             raise InputError(f"{error}.") from None
         self.spec = spec
-        self._in_place = in_place
-        self._gains = gains if spec.mask else None
+        self._in_place = columns.in_place
+        self._gains = columns.gains if spec.mask else None
+        known, decisions = known_for_retreats(columns), spec.retreat_in_place
+        self._retreat = Retreat(known, decisions) if known and decisions is not None else None
         # Rounded weights are widened once, here: products of float16 are slow and coarse on a CPU.
         wide = {name: np.asarray(weights[name], np.float32) for name in spec.shapes}
         if spec.networks > 1:
@@ -249,12 +254,16 @@ class Networks:
                 values[..., : blocked.shape[-1]][blocked] = -np.inf
         return values
 
-    def act(self, observation: Floats, decision: int | None = None) -> NDArray[np.int64]:
+    def act(
+        self, observation: Floats, decision: int | None = None, retreats: Whole | None = None
+    ) -> NDArray[np.int64]:
         """Return the action of every robot, [..., robots], for `observation` [..., robots, size].
 
         The one of the largest output; the lowest index among equals. With a temperature, one that is drawn:
         which, depends on the number of the `decision` since the episode began, besides the observation.
-        InputError where that number is needed, and missing or none that counts decisions.
+        Robots that retreat do so for a while: `retreats`, int64 [..., robots], holds for how many decisions
+        yet. It is all 0 when an episode begins, and is changed in place. InputError where the number or the
+        array is needed, and missing or none.
         """
         values = self.outputs(observation)
         if self.spec.temperature is not None:
@@ -264,23 +273,31 @@ class Networks:
                     "these networks draw their actions."
                 )
             number = whole_number("decision", decision, 0, MOST_DECISIONS)
-            return self._drawn(values, observation, number)
+            return self._drawn(values, observation, number, retreats)
         chosen: NDArray[np.int64] = values.argmax(axis=-1)
         if not self.spec.joint:
             return chosen
         return np.stack(np.unravel_index(chosen, (self.spec.actions,) * self.spec.robots), axis=-1)
 
-    def _drawn(self, values: Floats, observation: Floats, number: int) -> NDArray[np.int64]:
-        """Return the actions [..., robots] that robots draw in the decision `number`."""
-        spec, shape = self.spec, values.shape[:-1]
-        temperature, drawn = np.asarray(spec.temperature, np.float32), draws(number, shape)
-        if spec.asks_for_standing is not None:
+    def _drawn(
+        self, values: Floats, observation: Floats, number: int, retreats: Whole | None
+    ) -> NDArray[np.int64]:
+        """Return the actions [..., robots] that robots draw in the decision `number`, or retreat by."""
+        spec, drawn = self.spec, draws(number, values.shape[:-1])
+        temperature = np.asarray(spec.temperature, np.float32)
+        if spec.temperature_in_place is not None:
             stands = observation[..., self._in_place] >= np.float32(STANDING)
-            if spec.temperature_in_place is not None:
-                temperature = np.where(stands, np.float32(spec.temperature_in_place), temperature)
-            if spec.hold_in_place is not None:
-                drawn = np.where(stands, draws(held_decision(number, spec.hold_in_place), shape), drawn)
-        return drawn_actions(values, temperature, drawn)
+            temperature = np.where(stands, np.float32(spec.temperature_in_place), temperature)
+        actions = drawn_actions(values, temperature, drawn)
+        if self._retreat is None:
+            return actions
+        if retreats is None or retreats.shape != actions.shape or retreats.dtype != np.int64:
+            given = "missing" if retreats is None else f"of type {retreats.dtype} and shape {retreats.shape}"
+            raise InputError(
+                f"retreats is {given}, but must be an array of int64 and shape {actions.shape}: these robots "
+                "retreat, and it holds for how many decisions yet."
+            )
+        return self._retreat(actions, observation, drawn, retreats)
 
     def _forward(self, hidden: Floats) -> Floats:
         """Return [networks, batch, outputs] of inputs [networks, batch, inputs]; one network serves all."""
@@ -297,11 +314,6 @@ class Networks:
             if self.spec.normalisation == "rms":
                 hidden /= _size(hidden)
         return hidden @ self._weights[-1] + self._biases[-1]
-
-
-def held_decision(decision: int, hold: int) -> int:
-    """Return the decision by whose draws robots in place act in `decision`: the first of its `hold`."""
-    return decision - decision % hold
 
 
 def draws(decision: int, shape: tuple[int, ...]) -> Floats:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from robosim.arena.shipped import shipped_folder
 from robosim.control.card import MOST_BYTES, PolicyCard, card_text, read_card
 from robosim.control.html import policy_html
-from robosim.control.network import DRAWING_IN_PLACE, Networks, Weights, check_weights
+from robosim.control.network import IN_PLACE_FIELDS, Networks, Weights, check_weights
 from robosim.errors import InputError, nearest_names, printable, shown
 from robosim.errors import name_or_path as text_of
 from robosim.files import is_regular, require_unchanged
@@ -48,7 +48,7 @@ class Policy:
         InputError, in one sentence that begins with `place`, if they do not fit the card.
         """
         self.card = card
-        self._networks = Networks(card.network, weights, card.gains, place, card.in_place)
+        self._networks = Networks(card.network, weights, card.columns, place)
         self._stored = {name: np.asarray(array, np.float32) for name, array in weights.items()}
 
     @property
@@ -60,15 +60,18 @@ class Policy:
         """Return copies of `layer0.weight` [networks, in, out], `layer0.bias` [networks, out] and so on."""
         return {name: array.copy() for name, array in self._stored.items()}
 
-    def act(self, observation: ArrayLike, decision: int | None = None) -> NDArray[np.int64]:
+    def act(
+        self, observation: ArrayLike, decision: int | None = None, retreats: NDArray[np.int64] | None = None
+    ) -> NDArray[np.int64]:
         """Return the action of every robot, [..., robots], from `observation` [..., robots, size].
 
         The one of the largest output; the lowest index among equals. A policy whose card has a temperature
         draws its actions instead, and needs the number of the `decision` since the episode began: equal
-        numbers and observations give equal actions. InputError for a wrong shape, an observation that is not
-        finite, and a number that is missing.
+        numbers and observations give equal actions. One whose robots retreat needs `retreats` besides, int64
+        [..., robots], which it changes (`robosim.control.player.Player` keeps it). InputError for a wrong
+        shape, an observation that is not finite, and a number or array that is missing.
         """
-        return self._networks.act(self._checked(observation), decision)
+        return self._networks.act(self._checked(observation), decision, retreats)
 
     def values(self, observation: ArrayLike) -> NDArray[np.float32]:
         """Return what the networks put out, as `Networks.outputs` does; errors as in `act`."""
@@ -148,7 +151,7 @@ def team_digest(folder: Path) -> str:
     """
     digest = hashlib.sha256((folder / WEIGHTS_FILE).read_bytes())
     network = read_card(folder / CARD_FILE).network
-    for name in DRAWING_IN_PLACE:
+    for name in IN_PLACE_FIELDS:
         if getattr(network, name) is not None:
             digest.update(f"{name}={getattr(network, name)}".encode())
     return digest.hexdigest()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from robosim.arena.model import Arena
 from robosim.control.card import PolicyCard
 from robosim.control.learned import check_fit
+from robosim.control.player import Player
 from robosim.deploy.log import DecisionLog
 from robosim.deploy.readings import Bools, Floats, Readings
 from robosim.deploy.team import RealTeam
@@ -43,7 +44,12 @@ class Chooser(Protocol):
     @property
     def card(self) -> PolicyCard: ...
 
-    def act(self, observation: NDArray[np.float32], decision: int | None = None) -> NDArray[np.int64]: ...
+    def act(
+        self,
+        observation: NDArray[np.float32],
+        decision: int | None = None,
+        retreats: NDArray[np.int64] | None = None,
+    ) -> NDArray[np.int64]: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +109,7 @@ class Controller:
             self.layout,
             self.config.reward,
             self.config.pheromone,
-            policy.act,
+            Player(policy.act, card.network).act,
             self.config.keep_distance,
             memory,
         )

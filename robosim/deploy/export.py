@@ -60,7 +60,7 @@ def onnx_model(folder: Path, name: str = "") -> bytes:
     name = name or folder.resolve().name
     spec = policy.card.network
     weights = {key: array.astype(spec.precision) for key, array in policy.weights().items()}
-    graph = policy_graph(spec, weights, policy.card.gains, policy.card.in_place, name)
+    graph = policy_graph(spec, weights, policy.card.columns, name)
     model = helper.make_model(
         graph,
         producer_name="robosim",
@@ -76,16 +76,23 @@ def onnx_model(folder: Path, name: str = "") -> bytes:
 
 def agreement(exported: OnnxPolicy, policy: Policy, observations: Floats) -> Agreement:
     """Return how far the two agree on observations [batch, robots, size]."""
-    decision = None if policy.card.network.temperature is None else 0
-    actions, values = exported.run(observations, decision)
+    network, shape = policy.card.network, observations.shape[:2]
+    decision = None if network.temperature is None else 0
+    # Some that retreat already, and some that may begin to.
+    retreats = None if network.retreat_in_place is None else np.arange(np.prod(shape)).reshape(shape) % 3
+    left = None if retreats is None else retreats.copy()
+    actions, values = exported.run(observations, decision, left)
     expected = policy.values(observations)
     blocked = np.isneginf(expected)
     difference = np.inf
     if values.shape == expected.shape and (np.isneginf(values) == blocked).all():
         difference = float(np.abs(values[~blocked] - expected[~blocked]).max())
+    other = actions != policy.act(observations, decision, retreats)
+    if left is not None:
+        other |= left != retreats
     return Agreement(
-        observations=int(np.prod(observations.shape[:2])),
-        other_actions=int((actions != policy.act(observations, decision)).sum()),
+        observations=int(np.prod(shape)),
+        other_actions=int(other.sum()),
         largest_difference=difference,
         largest_value=float(np.abs(expected[~blocked]).max()),
     )

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from robosim.control.network import LEAST_SQUARE, NetworkSpec, Weights
-from robosim.deploy.runtime import ACTIONS, DRAWS, DRAWS_IN_PLACE, OBSERVATION, VALUES
-from robosim.discretise.observation import STANDING, MoveGains
+from robosim.control.retreat import CHANCE, FINE, LADEN_SHARE, Known, known_for_retreats
+from robosim.deploy.runtime import ACTIONS, DRAWS, OBSERVATION, RETREATS, RETREATS_LEFT, VALUES
+from robosim.discretise.observation import STANDING, Columns, MoveGains
 
 OPSET = 18
 IR_VERSION = 10
@@ -45,42 +46,42 @@ class _Nodes:
         return name
 
 
-def policy_graph(
-    spec: NetworkSpec, weights: Weights, gains: MoveGains | None, in_place: int | None, name: str
-) -> onnx.GraphProto:
+def policy_graph(spec: NetworkSpec, weights: Weights, columns: Columns, name: str) -> onnx.GraphProto:
     """Return the graph of a whole policy.
 
     Its input is `observation`, float32 [batch, robots, size], and where actions are drawn `draws`, float32
-    [batch, robots], numbers in [0, 1) such as those of `robosim.control.network.draws`; with `hold_in_place`,
-    besides, `draws_in_place` for robots that stand, those of `held_decision`. Its outputs are
-    `actions`, int64 [batch, robots], and `values`, float32, as `Networks.outputs` returns them. `weights` are
-    of the shapes `spec.shapes`; `gains` is where an observation holds the gains of moves, which a spec with a
-    `mask` needs, `in_place` where it says how long a robot has been in place, for `temperature_in_place` and
-    `hold_in_place`.
+    [batch, robots], numbers in [0, 1) such as those of `robosim.control.network.draws`. Its outputs are
+    `actions`, int64 [batch, robots], and `values`, float32, as `Networks.outputs` returns them. Where robots
+    retreat, there are an input `retreats` and an output `retreats_left` besides, int64 [batch, robots]: 0 in
+    the first decision of an episode, and from then on what the decision before put out. `weights` are of the
+    shapes `spec.shapes`; `columns` are where an observation holds what is needed besides.
     """
     nodes = _Nodes()
     values = _forward(nodes, spec, weights, _arranged(nodes, spec))
     if spec.networks > 1 or (spec.input == "team" and not spec.joint):
         values = nodes.add("Transpose", values, perm=[1, 0, 2])
-    if spec.mask and gains is not None:
+    if spec.mask and columns.gains is not None:
         nothing = nodes.constant("nothing", np.array(-np.inf, np.float32))
-        nodes.add("Where", _blocked(nodes, spec, gains), nothing, values, result=VALUES)
+        nodes.add("Where", _blocked(nodes, spec, columns.gains), nothing, values, result=VALUES)
     else:
         nodes.add("Identity", values, result=VALUES)
-    _choose(nodes, spec, in_place)
+    _choose(nodes, spec, columns)
     robots: int | str = "robots" if spec.shared else spec.robots
     rows: tuple[int | str, ...] = (BATCH,) if spec.joint else (BATCH, robots)
+    memory = [] if spec.retreat_in_place is None else [RETREATS, RETREATS_LEFT]
     make = helper.make_tensor_value_info
     return helper.make_graph(
         nodes.nodes,
         name,
         [
             make(OBSERVATION, TensorProto.FLOAT, (BATCH, robots, spec.observation)),
-            *(make(name, TensorProto.FLOAT, (BATCH, robots)) for name in _draw_inputs(spec)),
+            *([] if spec.temperature is None else [make(DRAWS, TensorProto.FLOAT, (BATCH, robots))]),
+            *(make(name, TensorProto.INT64, (BATCH, robots)) for name in memory[:1]),
         ],
         [
             make(ACTIONS, TensorProto.INT64, (BATCH, robots)),
             make(VALUES, TensorProto.FLOAT, (*rows, spec.outputs)),
+            *(make(name, TensorProto.INT64, (BATCH, robots)) for name in memory[1:]),
         ],
         nodes.constants,
     )
@@ -173,10 +174,10 @@ def _combined(nodes: _Nodes, spec: NetworkSpec, blocked: str) -> str:
     return combined
 
 
-def _choose(nodes: _Nodes, spec: NetworkSpec, in_place: int | None) -> None:
+def _choose(nodes: _Nodes, spec: NetworkSpec, columns: Columns) -> None:
     """Choose the largest value, the first among equals as numpy does; or draw an action."""
     if spec.temperature is not None:
-        _draw_action(nodes, spec, in_place)
+        _draw_action(nodes, spec, columns)
         return
     result = "combination" if spec.joint else ACTIONS
     chosen = nodes.add("ArgMax", VALUES, result=result, axis=-1, keepdims=0, select_last_index=0)
@@ -187,35 +188,70 @@ def _choose(nodes: _Nodes, spec: NetworkSpec, in_place: int | None) -> None:
         nodes.add("Mod", digits, nodes.whole("base", spec.actions), result=ACTIONS)
 
 
-def _draw_inputs(spec: NetworkSpec) -> list[str]:
-    """Return the names of the inputs by which robots draw."""
-    if spec.temperature is None:
-        return []
-    return [DRAWS] if spec.hold_in_place is None else [DRAWS, DRAWS_IN_PLACE]
-
-
-def _draw_action(nodes: _Nodes, spec: NetworkSpec, in_place: int | None) -> None:
-    """Draw as robots do that move, and where the spec says so otherwise for those that stand."""
+def _draw_action(nodes: _Nodes, spec: NetworkSpec, columns: Columns) -> None:
+    """Draw as robots do that move, and do what the spec says of those that stand."""
     last = nodes.whole("actions_axis", -1)
-    temperature, drawn = nodes.constant("temperature", np.array(spec.temperature, np.float32)), DRAWS
-    if spec.asks_for_standing is not None and in_place is not None:
-        number = nodes.add("Gather", OBSERVATION, nodes.whole("in_place", in_place), axis=2)
+    temperature = nodes.constant("temperature", np.array(spec.temperature, np.float32))
+    stands = ""
+    if columns.in_place is not None and spec.asks_for_standing is not None:
+        number = nodes.add("Gather", OBSERVATION, nodes.whole("in_place", columns.in_place), axis=2)
         least = nodes.constant("standing", np.array(STANDING, np.float32))
         stands = nodes.add("GreaterOrEqual", number, least)
-        if spec.temperature_in_place is not None:
-            other = nodes.constant("temperature_in_place", np.array(spec.temperature_in_place, np.float32))
-            temperature = nodes.add("Where", stands, other, temperature)
-        if spec.hold_in_place is not None:
-            drawn = nodes.add("Where", nodes.add("Squeeze", stands, last), DRAWS_IN_PLACE, DRAWS)
-    _draw(nodes, last, temperature, drawn)
+    if spec.temperature_in_place is not None:
+        other = nodes.constant("temperature_in_place", np.array(spec.temperature_in_place, np.float32))
+        temperature = nodes.add("Where", stands, other, temperature)
+    known = known_for_retreats(columns)
+    if spec.retreat_in_place is None or known is None:
+        _draw(nodes, last, temperature, ACTIONS)
+        return
+    drawn = _draw(nodes, last, temperature, "drawn")
+    _retreat(nodes, spec.retreat_in_place, known, last, nodes.add("Squeeze", stands, last), drawn)
 
 
-def _draw(nodes: _Nodes, last: str, divisor: str, drawn: str) -> None:
+def _retreat(nodes: _Nodes, decisions: int, known: Known, last: str, stands: str, otherwise: str) -> None:
+    """Replace the actions of robots that retreat, as `robosim.control.retreat.Retreat` does."""
+    number = nodes.add("Gather", OBSERVATION, nodes.whole("laden", known.laden), axis=2)
+    laden = nodes.add("GreaterOrEqual", number, nodes.constant("half", np.array(0.5, np.float32)))
+    # Who begins to: by the last digits of the draw.
+    fine = nodes.add("Mul", DRAWS, nodes.constant("fine", np.array(FINE, np.float32)))
+    behind = nodes.add("Sub", fine, nodes.add("Floor", fine))
+    would = nodes.add("Less", behind, nodes.constant("chance", np.array(CHANCE, np.float32)))
+    none = nodes.constant("none", np.array(0, np.int64))
+    begins = nodes.add("And", nodes.add("And", stands, would), nodes.add("Equal", RETREATS, none))
+    length = nodes.add(
+        "Where",
+        nodes.add("Squeeze", laden, last),
+        nodes.constant("laden_decisions", np.array(decisions // LADEN_SHARE, np.int64)),
+        nodes.constant("decisions", np.array(decisions, np.int64)),
+    )
+    left = nodes.add("Where", begins, length, RETREATS)
+    retreats = nodes.add("Greater", left, none)
+    less = nodes.add("Sub", left, nodes.constant("one_less", np.array(1, np.int64)))
+    nodes.add("Where", retreats, less, left, result=RETREATS_LEFT)
+    # The open move that leads away from the goal the most.
+    gained = []
+    for goal, start in (("home", known.gains.home), ("source", known.gains.source)):
+        moves = nodes.whole(f"from_{goal}", *range(start, start + known.gains.moves))
+        gained.append(nodes.add("Gather", OBSERVATION, moves, axis=2))
+    home, source = gained
+    lost = nodes.constant("lost", np.array(-1.0, np.float32))
+    blocked = nodes.add("And", nodes.add("LessOrEqual", home, lost), nodes.add("LessOrEqual", source, lost))
+    away = nodes.add("Where", laden, source, home)
+    nowhere = nodes.constant("nowhere", np.array(-np.inf, np.float32))
+    best = nodes.add(
+        *("ArgMax", nodes.add("Where", blocked, nowhere, away)), axis=-1, keepdims=0, select_last_index=0
+    )
+    closed = nodes.add("ReduceMin", nodes.add("Cast", blocked, to=TensorProto.INT64), last, keepdims=0)
+    acts = nodes.add("And", retreats, nodes.add("Equal", closed, none))
+    nodes.add("Where", acts, best, otherwise, result=ACTIONS)
+
+
+def _draw(nodes: _Nodes, last: str, divisor: str, result: str) -> str:
     """Draw actions as `robosim.control.network.drawn_actions` does."""
     above = nodes.add("Sub", VALUES, nodes.add("ReduceMax", VALUES, last, keepdims=1))
     weights = nodes.add("Exp", nodes.add("Div", above, divisor))
     sums = nodes.add("CumSum", weights, nodes.constant("summed_axis", np.array(-1, np.int64)))
     total = nodes.add("Slice", sums, last, nodes.whole("end", np.iinfo(np.int64).max), last)
-    wanted = nodes.add("Mul", nodes.add("Unsqueeze", drawn, last), total)
+    wanted = nodes.add("Mul", nodes.add("Unsqueeze", DRAWS, last), total)
     passed = nodes.add("Cast", nodes.add("LessOrEqual", sums, wanted), to=TensorProto.INT64)
-    nodes.add("ReduceSum", passed, last, result=ACTIONS, keepdims=0)
+    return nodes.add("ReduceSum", passed, last, result=result, keepdims=0)

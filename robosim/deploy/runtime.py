@@ -11,14 +11,14 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from robosim.control.card import PolicyCard
-from robosim.control.network import draws, held_decision
+from robosim.control.network import draws
 from robosim.errors import InputError, shown
 from robosim.texts import parse_json, read_limited
 
 OBSERVATION, DRAWS, ACTIONS, VALUES = "observation", "draws", "actions", "values"
 """Names of the graph's inputs and outputs; `draws` is there only where actions are drawn."""
-DRAWS_IN_PLACE = "draws_in_place"
-"""Name of the input that is there only where robots that stand keep what they draw by."""
+RETREATS, RETREATS_LEFT = "retreats", "retreats_left"
+"""Names of an input and an output that are there only where robots retreat."""
 MOST_BYTES = 2**28
 """Of a file; the largest policy that ships takes 2 MB."""
 
@@ -26,12 +26,17 @@ _Ports = dict[str, tuple[str, int | None]]
 _INPUTS: _Ports = {
     OBSERVATION: ("tensor(float)", 3),
     DRAWS: ("tensor(float)", 2),
-    DRAWS_IN_PLACE: ("tensor(float)", 2),
+    RETREATS: ("tensor(int64)", 2),
 }
-_OUTPUTS: _Ports = {ACTIONS: ("tensor(int64)", 2), VALUES: ("tensor(float)", None)}
+_OUTPUTS: _Ports = {
+    ACTIONS: ("tensor(int64)", 2),
+    VALUES: ("tensor(float)", None),
+    RETREATS_LEFT: ("tensor(int64)", 2),
+}
 """Type and dimensions of each; values have as many as their head."""
 
 Floats = NDArray[np.float32]
+Whole = NDArray[np.int64]
 
 
 class OnnxPolicy:
@@ -59,7 +64,7 @@ class OnnxPolicy:
             """What the file says of itself."""
             self._size = self._check_graph()
             names = {one.name for one in self._session.get_inputs()}
-            self._draws, self._holds = (name in names for name in (DRAWS, DRAWS_IN_PLACE))
+            self._draws, self._remembers = (name in names for name in (DRAWS, RETREATS))
         except InputError:
             raise
         except Exception as error:  # noqa: BLE001  its own errors have no class in common
@@ -82,13 +87,16 @@ class OnnxPolicy:
             )
         return card
 
-    def run(self, observation: Floats, decision: int | None = None) -> tuple[NDArray[np.int64], Floats]:
+    def run(
+        self, observation: Floats, decision: int | None = None, retreats: Whole | None = None
+    ) -> tuple[Whole, Floats]:
         """Return actions [batch, robots] and values for observations [batch, robots, size].
 
-        A policy that draws its actions needs the number of the `decision`; InputError where that is missing,
-        and for a graph that fails.
+        A policy that draws its actions needs the number of the `decision`, and one whose robots retreat
+        `retreats` [batch, robots], which it changes, as `robosim.control.policy.Policy.act` does; InputError
+        where that is missing, and for a graph that fails.
         """
-        inputs = {OBSERVATION: observation}
+        inputs: dict[str, NDArray[Any]] = {OBSERVATION: observation}
         if self._draws:
             if decision is None:
                 raise InputError(
@@ -96,12 +104,17 @@ class OnnxPolicy:
                     "episode: this policy draws its actions."
                 )
             inputs[DRAWS] = draws(decision, observation.shape[:-1])
-            if self._holds:
-                held = held_decision(decision, self.card.network.hold_in_place or 1)
-                inputs[DRAWS_IN_PLACE] = draws(held, observation.shape[:-1])
+        if self._remembers:
+            if retreats is None:
+                raise InputError(
+                    f"{self._place}: retreats is missing, but must be an array of int64: the robots of this "
+                    "policy retreat, and it holds for how many decisions yet."
+                )
+            inputs[RETREATS] = retreats
         shape = list(observation.shape)
+        outputs = [ACTIONS, VALUES, *([RETREATS_LEFT] if self._remembers else [])]
         try:
-            actions, values = self._session.run([ACTIONS, VALUES], inputs)
+            actions, values, *left = self._session.run(outputs, inputs)
         except Exception as error:  # noqa: BLE001  its own errors have no class in common
             raise InputError(
                 f"{self._place}: onnxruntime cannot run it on observations {shape}: {_said(error)}."
@@ -111,14 +124,16 @@ class OnnxPolicy:
                 f"{self._place}: chooses actions {list(actions.shape)} for observations {shape}, but must "
                 f"choose {shape[:2]}."
             )
+        if retreats is not None and left:
+            retreats[...] = left[0]
         return actions, values
 
-    def act(self, observation: Floats, decision: int | None = None) -> NDArray[np.int64]:
+    def act(self, observation: Floats, decision: int | None = None, retreats: Whole | None = None) -> Whole:
         """Return the actions [batch, robots] for observations [batch, robots, size].
 
         As `run` otherwise; InputError, too, for actions that the policy's card does not know.
         """
-        actions = self.run(observation, decision)[0]
+        actions = self.run(observation, decision, retreats)[0]
         most = self.card.network.actions - 1
         # As numbers without sign, those below 0 are large.
         if actions.view(np.uint64).max(initial=0) > most:
@@ -129,9 +144,10 @@ class OnnxPolicy:
     def _check_graph(self) -> int:
         """Return how many numbers an observation has; InputError unless inputs and outputs are a policy's."""
         found = self._session.get_inputs(), self._session.get_outputs()
+        memory = {RETREATS_LEFT} if RETREATS in {one.name for one in found[0]} else set()
         for what, ports, known, needed in (
             ("inputs", found[0], _INPUTS, {OBSERVATION}),
-            ("outputs", found[1], _OUTPUTS, {ACTIONS, VALUES}),
+            ("outputs", found[1], _OUTPUTS, {ACTIONS, VALUES} | memory),
         ):
             names = {one.name for one in ports}
             wrong = [one.name for one in ports if not _fits(one, known)]

@@ -26,6 +26,8 @@ IN_PLACE_CYCLE = 20
 with one action stands still for ever once nothing that it observes changes, so one number always does."""
 IN_PLACE = "in place"
 """Name of that number in an observation: the decisions of the cycle so far, as a share of it."""
+LADEN = "laden"
+"""Name of the number that is 1 for a robot that carries a pellet, or else 0."""
 STANDING = 0.5
 """The least of it at which a robot counts as standing: in the second half of every cycle."""
 _Array = TypeVar("_Array", bound=Any)
@@ -80,7 +82,7 @@ class ObservationLayout:
             own += ["collisions"]
         own += ["distance to home", "distance to source"]
         if self.encoding == "expanded":
-            own += ["offset in cell x", "offset in cell y", "laden"]
+            own += ["offset in cell x", "offset in cell y", LADEN]
             sides = SIDES if self.own_frame else _COMPASS
             own += [f"free {side}" for side in sides if self.neighbours]
             own += [f"gain home {side}" for side in sides[:4]]
@@ -146,9 +148,23 @@ def gain_columns(names: Sequence[str], actions: ActionKind) -> MoveGains | None:
     return columns if held == [home, source] else None
 
 
-def in_place_column(names: Sequence[str]) -> int | None:
-    """Return where `IN_PLACE` is in an observation of these `names`; None where it is not."""
-    return names.index(IN_PLACE) if IN_PLACE in names else None
+class Columns(NamedTuple):
+    """Where an observation holds what policies go by besides networks; None for what it does not hold."""
+
+    gains: MoveGains | None = None
+    in_place: int | None = None
+    """Of the number `IN_PLACE`."""
+    laden: int | None = None
+    """Of the number `LADEN`."""
+
+
+NO_COLUMNS = Columns()
+
+
+def find_columns(names: Sequence[str], actions: ActionKind) -> Columns:
+    """Return where all of that is in an observation, the numbers of which have these `names`."""
+    in_place, laden = (names.index(name) if name in names else None for name in (IN_PLACE, LADEN))
+    return Columns(gain_columns(names, actions), in_place, laden)
 
 
 def blocked_moves(observation: _Array, columns: MoveGains) -> _Array:

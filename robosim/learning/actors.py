@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.control.network import Networks
-from robosim.discretise.observation import MoveGains
+from robosim.discretise.observation import Columns, MoveGains
 from robosim.errors import InputError
 from robosim.learning.algorithms.protocol import Actors
 
@@ -51,7 +51,7 @@ class FrozenTeam:
     def __init__(self, actors: Actors, gains: MoveGains | None = None) -> None:
         """`gains` is where observations hold the gains of moves, for networks with a mask."""
         self.robots = actors.spec.robots
-        self._networks = Networks(actors.spec, actors.weights, gains)
+        self._networks = Networks(actors.spec, actors.weights, Columns(gains))
 
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.int64]:
         """Return actions [envs, robots] for `observation` [envs, robots, size]: those of their policy."""

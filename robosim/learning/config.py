@@ -101,9 +101,9 @@ class RunSettings(Record):
     none for the action of the largest output, every time."""
     temperature_in_place: float | None = Field(default=None, ge=0.001, le=1000)
     """Instead of `temperature`, for robots that have stood for a while; none for the same at all times."""
-    hold_in_place: int | None = Field(default=None, ge=2, le=10_000)
-    """Decisions for which robots that have stood for a while keep what they draw by; none for a new draw in
-    every decision."""
+    retreat_in_place: int | None = Field(default=None, ge=2, le=10_000)
+    """Decisions for which robots that have stood for a while retreat once they begin to, a third of them
+    with a pellet; none for no retreats."""
 
     @model_validator(mode="after")
     def _check_drawing(self) -> Self:

@@ -19,7 +19,7 @@ from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
 from robosim.control.network import DRAWING, NetworkSpec, check_standing
 from robosim.control.policy import Policy, save_policy
-from robosim.discretise.observation import in_place_column
+from robosim.discretise.observation import find_columns
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError, shown
 from robosim.files import alone_in
@@ -305,9 +305,9 @@ class _Run:
 def _spec_at_work(training: Training) -> NetworkSpec:
     """Return the networks of the team that a run leaves; InputError where they cannot act as it wants."""
     drawing = {name: getattr(training.config.run, name) for name in DRAWING}
-    spec = training.actors().spec.changed(**drawing)
+    spec, env = training.actors().spec.changed(**drawing), training.env
     try:
-        check_standing(spec, in_place_column(training.env.layout.names))
+        check_standing(spec, find_columns(env.layout.names, env.config.actions))
     except ValueError as error:
         raise InputError(f"{error}.") from None
     return spec

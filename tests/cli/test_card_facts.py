@@ -16,12 +16,12 @@ from robosim.control.policy import find_policy, load_policy
             "actions drawn at temperature 0.5, after a while in place at 2",
         ),
         (
-            {"temperature": 0.5, "hold_in_place": 8},
-            "actions drawn at temperature 0.5, after a while in place by one draw for 8 decisions",
+            {"temperature": 0.5, "retreat_in_place": 8},
+            "actions drawn at temperature 0.5, after a while in place retreating for 8 decisions",
         ),
         (
-            {"temperature": 0.5, "temperature_in_place": 20.0, "hold_in_place": 8},
-            "actions drawn at temperature 0.5, after a while in place at 20 and by one draw for 8 decisions",
+            {"temperature": 0.5, "temperature_in_place": 20.0, "retreat_in_place": 8},
+            "actions drawn at temperature 0.5, after a while in place at 20 or retreating for 8 decisions",
         ),
     ],
 )

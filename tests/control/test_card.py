@@ -232,8 +232,8 @@ def test_robots_draw_otherwise_in_place_only_where_they_observe_that_they_are(ca
         "network.temperature_in_place is 2.0, but must be absent where observations do not say how long a "
         "robot has been in place."
     )
-    with pytest.raises(InputError, match=r"network\.hold_in_place is 8, but must be absent where obs"):
-        card.changed(network=card.network.changed(temperature=0.5, hold_in_place=8))
+    with pytest.raises(InputError, match=r"network\.retreat_in_place is 8, but must be absent where obs"):
+        card.changed(network=card.network.changed(temperature=0.5, retreat_in_place=8))
 
 
 @settings(deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robosim.control.network import Networks, NetworkSpec, drawn_actions, draws
-from robosim.discretise.observation import MoveGains
+from robosim.control.retreat import Known, Retreat
+from robosim.discretise.observation import Columns, MoveGains
 from robosim.errors import InputError, shown
 
 MOVES = MoveGains(0, 4, 4)
@@ -96,7 +97,7 @@ def test_joint_outputs_are_decoded_with_the_first_robot_as_the_most_significant_
     weights = weights_of(spec)
     observation = rng.uniform(-0.99, 1, (40, robots, 8)).astype(np.float32)
     observation[rng.random(observation.shape) < 0.5] = -1.0
-    networks = Networks(spec, weights, MOVES if mask else None)
+    networks = Networks(spec, weights, Columns(MOVES if mask else None))
     outputs, chosen = networks.outputs(observation), networks.act(observation)
     assert outputs.shape == (40, 5**robots)
     assert chosen.shape == (40, robots)
@@ -126,7 +127,7 @@ def test_blocked_moves_are_not_chosen_by_single_robots():
     observation[rng.random(observation.shape) < 0.6] = -1.0
     blocked = (observation[..., :4] == -1) & (observation[..., 4:] == -1)
     blocked = np.concatenate([blocked, np.zeros((200, 2, 1), bool)], axis=2)
-    masked, unmasked = Networks(spec, weights, MOVES), Networks(free, weights, MOVES)
+    masked, unmasked = (Networks(one, weights, Columns(MOVES)) for one in (spec, free))
     assert (masked.outputs(observation) == np.where(blocked, -np.inf, unmasked.outputs(observation))).all()
     taken = np.take_along_axis(blocked, masked.act(observation)[..., None], axis=2)
     assert blocked.any()
@@ -225,10 +226,10 @@ JOINT = {"output": "joint action values"}
             {"temperature_in_place": 2.0},
             "temperature_in_place is 2.0, but must be absent where temperature is.",
         ),
-        ({"hold_in_place": 8}, "hold_in_place is 8, but must be absent where temperature is."),
+        ({"retreat_in_place": 8}, "retreat_in_place is 8, but must be absent where temperature is."),
         (
-            {"temperature": 0.5, "hold_in_place": 1},
-            "hold_in_place is 1, but must be a whole number from 2 to 10000 or None.",
+            {"temperature": 0.5, "retreat_in_place": 1},
+            "retreat_in_place is 1, but must be a whole number from 2 to 10000 or None.",
         ),
         ({"temperature": 0.0}, "temperature is 0.0, but must be a number from 0.001 to 1000 or None."),
         ({"activation": "gelu"}, 'activation is "gelu", but must be "relu" or "tanh".'),
@@ -383,7 +384,7 @@ def test_a_robot_that_has_stood_for_a_while_draws_at_the_temperature_for_that():
     observation = np.random.default_rng(1).normal(size=(300, 3, 4)).astype(np.float32)
     observation[..., 2] = np.random.default_rng(2).choice([0.0, 0.45, 0.5, 0.95], (300, 3))
     stands = observation[..., 2] >= 0.5
-    both = Networks(spec.changed(temperature_in_place=5.0), weights, in_place=2).act(observation, 7)
+    both = Networks(spec.changed(temperature_in_place=5.0), weights, Columns(in_place=2)).act(observation, 7)
     moving = Networks(spec, weights).act(observation, 7)
     standing = Networks(spec.changed(temperature=5.0), weights).act(observation, 7)
     assert (both == np.where(stands, standing, moving)).all()
@@ -396,24 +397,43 @@ def test_a_robot_that_has_stood_for_a_while_draws_at_the_temperature_for_that():
     )
 
 
-def test_a_robot_that_has_stood_for_a_while_keeps_what_it_draws_by():
-    spec = NetworkSpec(inputs=4, hidden=[8], of_robot=[0, 0, 0], temperature=1.0)
-    weights = weights_of(spec)
-    observation = np.random.default_rng(1).normal(size=(300, 3, 4)).astype(np.float32)
-    observation[..., 2] = np.random.default_rng(2).choice([0.0, 0.45, 0.5, 0.95], (300, 3))
-    stands = observation[..., 2] >= 0.5
-    plain = Networks(spec, weights)
-    holds = Networks(spec.changed(hold_in_place=4), weights, in_place=2)
-    for decision in range(4, 12):
-        now, first = plain.act(observation, decision), plain.act(observation, 4 if decision < 8 else 8)
-        assert (holds.act(observation, decision) == np.where(stands, first, now)).all()
-    assert (plain.act(observation, 5) != plain.act(observation, 4))[stands].any()
-    both = Networks(spec.changed(hold_in_place=4, temperature_in_place=9.0), weights, in_place=2)
-    hot = Networks(spec.changed(temperature=9.0), weights).act(observation, 4)
-    assert (both.act(observation, 7) == np.where(stands, hot, plain.act(observation, 7))).all()
+def test_robots_that_retreat_do_and_the_others_draw():
+    spec = NetworkSpec(inputs=10, hidden=[8], of_robot=[0, 0, 0], temperature=1.0, retreat_in_place=6)
+    weights, columns = weights_of(spec), Columns(MOVES, 8, 9)
+    observation = np.random.default_rng(1).uniform(-0.9, 0.9, (300, 3, 10)).astype(np.float32)
+    team, left = Networks(spec, weights, columns), np.zeros((300, 3), np.int64)
+    plain = Networks(spec.changed(retreat_in_place=None), weights)
+    for decision in range(10):
+        drawn, before = plain.act(observation, decision), left.copy()
+        expected = Retreat(Known(*columns), 6)(drawn, observation, draws(decision, (300, 3)), before)
+        assert (team.act(observation, decision, left) == expected).all()
+        assert (left == before).all()
+        assert (expected != drawn).any()
+    for wrong, what in (
+        (None, "missing"),
+        (left[:, :2], "of type int64 and shape (300, 2)"),
+        (left.astype(np.int32), "of type int32 and shape (300, 3)"),
+    ):
+        with pytest.raises(InputError) as caught:
+            team.act(observation, 3, wrong)
+        assert str(caught.value) == (
+            f"retreats is {what}, but must be an array of int64 and shape (300, 3): these robots retreat, "
+            "and it holds for how many decisions yet."
+        )
+
+
+@pytest.mark.parametrize(
+    ("columns", "missing"),
+    [
+        (Columns(MOVES, None, 9), "say how long a robot has been in place"),
+        (Columns(None, 8, 9), "say what robots carry and which moves lead where"),
+        (Columns(MOVES, 8, None), "say what robots carry and which moves lead where"),
+    ],
+)
+def test_robots_retreat_only_where_they_observe_what_they_go_by(columns, missing):
+    spec = NetworkSpec(inputs=10, hidden=[8], of_robot=[0], temperature=1.0, retreat_in_place=6)
     with pytest.raises(InputError) as caught:
-        Networks(spec.changed(hold_in_place=4), weights)
+        Networks(spec, weights_of(spec), columns)
     assert str(caught.value) == (
-        "hold_in_place is 4, but must be absent where observations do not say how long a robot has been in "
-        "place."
+        f"retreat_in_place is 6, but must be absent where observations do not {missing}."
     )

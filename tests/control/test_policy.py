@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import robosim.control.policy as policy_module
 from robosim.control.card import card_text
+from robosim.control.network import DRAWING
 from robosim.control.policy import Policy, load_policy, policy_names, save_policy, team_digest
 from robosim.errors import InputError, shown
 
@@ -443,16 +444,15 @@ def test_a_policy_stays_when_the_new_one_cannot_take_its_place(folder, card, wei
     assert [path.name for path in folder.parent.iterdir()] == ["mine"]
 
 
-def test_records_know_a_team_by_its_weights_and_by_how_robots_in_place_draw(
-    tmp_path, folder, card, weights_of
-):
+def test_records_know_a_team_by_its_weights_and_by_what_robots_in_place_do(tmp_path, card_of, weights_of):
+    gains = tuple(f"gain {goal} {side}" for goal in ("home", "source") for side in "NSWE")
+    card, folder = card_of(size=10, observation=("in place", "laden", *gains)), tmp_path / "p"
+    digests = []
+    warm = (0.5, None, None), (0.5, 2.0, None), (0.5, 3.0, None), (0.5, None, 8), (0.5, 2.0, 8)
+    for drawing in ((None, None, None), *warm):
+        network = card.network.changed(**dict(zip(DRAWING, drawing, strict=True)))
+        save_policy(folder, weights_of(card), card.changed(network=network))
+        digests.append(team_digest(folder))
     weights = hashlib.sha256((folder / "policy.safetensors").read_bytes()).hexdigest()
-    assert team_digest(folder) == weights
-    in_place = ("in place", *card.observation[1:])
-    digests = [weights]
-    for standing, hold in ((None, None), (2.0, None), (3.0, None), (None, 8), (2.0, 8)):
-        network = card.network.changed(temperature=0.5, temperature_in_place=standing, hold_in_place=hold)
-        save_policy(tmp_path / "p", weights_of(card), card.changed(network=network, observation=in_place))
-        digests.append(team_digest(tmp_path / "p"))
-    assert digests[0] == digests[1]
+    assert digests[:2] == [weights, weights]
     assert len(set(digests)) == 5

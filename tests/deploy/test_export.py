@@ -99,32 +99,38 @@ def test_the_first_of_equal_values_is_chosen_as_numpy_does(tmp_path, kind):
     assert (found.other_actions, found.largest_difference) == (0, 0.0)
 
 
-@pytest.mark.parametrize("hold", [None, 8])
+@pytest.mark.parametrize("retreat", [None, 8])
 @pytest.mark.parametrize("in_place", [None, 20.0])
 @pytest.mark.parametrize("of_robot", [(0, 0, 0), (0, 1, 2)])
-def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot, in_place, hold):
+def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot, in_place, retreat):
     drawing = {
         "output": "logits",
         "temperature": 0.7,
         "temperature_in_place": in_place,
-        "hold_in_place": hold,
+        "retreat_in_place": retreat,
     }
     folder = make_policy(tmp_path / "made", mask=True, of_robot=of_robot, **drawing)
     policy, exported = read_policy(folder), OnnxPolicy(onnx_model(folder))
     observations = random_observations(policy, 400)
     best = policy.values(observations).argmax(axis=-1)
-    for decision in (0, 1, 123_456):
-        drawn = exported.act(observations, decision)
-        assert (drawn == policy.act(observations, decision)).all()
+    stands = observations[..., policy.card.columns.in_place] >= 0.5
+    left, expected_left = (None if retreat is None else np.zeros(best.shape, np.int64) for _ in "12")
+    for decision in (0, 1, 2, 123_456):
+        drawn = exported.act(observations, decision, left)
+        assert (drawn == policy.act(observations, decision, expected_left)).all()
         assert 0.1 < (drawn != best).mean() < 0.9
         if in_place is not None:
-            stands = observations[..., policy.card.in_place] >= 0.5
             assert (drawn != best)[stands].mean() > (drawn != best)[~stands].mean() + 0.05
-    if hold is not None:
-        stands = observations[..., policy.card.in_place] >= 0.5
-        same = exported.act(observations, 16) == exported.act(observations, 23)
-        assert same[stands].all()
-        assert not same[~stands].all()
+    if retreat is not None:
+        assert (left == expected_left).all()
+        assert 0.05 < (left > 0)[stands].mean() < 0.6
+        assert not (left > 0)[~stands].any()
+        with pytest.raises(InputError) as caught:
+            exported.act(observations, 0)
+        assert str(caught.value) == (
+            "model: retreats is missing, but must be an array of int64: the robots of this policy retreat, "
+            "and it holds for how many decisions yet."
+        )
     assert agreement(exported, policy, observations).holds
     with pytest.raises(InputError) as caught:
         exported.act(observations)

@@ -118,13 +118,13 @@ def test_a_temperature_changes_how_the_team_acts_and_nothing_that_it_learned(tmp
     assert (one.card.network.temperature, other.card.network.temperature) == (None, 3.0)
     restless = train(
         run_config(
-            "ps-ippo", robots=2, temperature=3.0, temperature_in_place=9.0, hold_in_place=8, **settings
+            "ps-ippo", robots=2, temperature=3.0, temperature_in_place=9.0, retreat_in_place=8, **settings
         ),
         tmp_path / "restless",
         print,
     )
     third = load_policy(restless.folder)
-    assert third.card.network == other.card.network.changed(temperature_in_place=9.0, hold_in_place=8)
+    assert third.card.network == other.card.network.changed(temperature_in_place=9.0, retreat_in_place=8)
     assert third.card.weights_sha256 == other.card.weights_sha256
     for name, array in one.weights().items():
         assert (array == other.weights()[name]).all()

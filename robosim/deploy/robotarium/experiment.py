@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from robosim.arena.distance import DistanceField
 from robosim.arena.model import Arena, PelletSheet, Timing
 from robosim.control.network import Networks, NetworkSpec
+from robosim.control.player import Player
 from robosim.deploy.robotarium.floor import VirtualFloor, checked_distances
 from robosim.deploy.team import RealTeam
-from robosim.discretise.observation import MoveGains, ObservationLayout
+from robosim.discretise.observation import Columns, MoveGains, ObservationLayout
 from robosim.discretise.pheromone import PheromoneConfig
 from robosim.discretise.reward import RewardConfig
 from robosim.robot.kinematics import body_twist, wheel_speeds_for
@@ -50,11 +51,11 @@ class Team:
         self.robots = int(self.settings["robots"])
         self.arena = self._arena()
         team = self.settings
-        gains = team["gains"]
         spec = NetworkSpec(**team["network"])
         weights = {name: self._arrays[name] for name in spec.shapes}
-        moves = None if gains is None else MoveGains(*gains)
-        networks = Networks(spec, weights, moves, ARRAYS, team["in_place"])
+        gains, in_place, laden = team["columns"]
+        columns = Columns(None if gains is None else MoveGains(*gains), in_place, laden)
+        networks = Networks(spec, weights, columns, ARRAYS)
         self.driven = RealTeam(
             self.arena,
             self.robots,
@@ -62,7 +63,7 @@ class Team:
             # Rewards decide nothing once a policy has learned.
             RewardConfig(),
             PheromoneConfig(**team["pheromone"]),
-            networks.act,
+            Player(networks.act, spec).act,
             team["keep_distance"],
         )
 

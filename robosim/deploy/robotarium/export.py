@@ -80,8 +80,7 @@ def robotarium_files(
         "keep_distance": card.env.keep_distance,
         "pheromone": card.env.pheromone.model_dump(),
         "network": card.network.model_dump(),
-        "gains": card.gains,
-        "in_place": card.in_place,
+        "columns": card.columns,
     }
     files = {
         file: text.encode() for file, text in flat_files("robosim.deploy.robotarium.main", "main.py").items()
