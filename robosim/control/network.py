@@ -74,7 +74,7 @@ class NetworkSpec(Record):
     """Instead of `temperature`, for a robot that has stood for a while: of which the number `in place` of its
     observation is `STANDING` or more. Robots that have come to a stand try something else; none for the same
     temperature at all times."""
-    retreat_in_place: int | None = Field(default=None, ge=2, le=10_000)
+    retreat_in_place: int | None = Field(default=None, ge=3, le=10_000)
     """Decisions for which a robot that has stood for a while retreats once it begins to, a third of them with
     a pellet (`robosim.control.retreat`); none for no retreats."""
 

@@ -101,7 +101,7 @@ class RunSettings(Record):
     none for the action of the largest output, every time."""
     temperature_in_place: float | None = Field(default=None, ge=0.001, le=1000)
     """Instead of `temperature`, for robots that have stood for a while; none for the same at all times."""
-    retreat_in_place: int | None = Field(default=None, ge=2, le=10_000)
+    retreat_in_place: int | None = Field(default=None, ge=3, le=10_000)
     """Decisions for which robots that have stood for a while retreat once they begin to, a third of them
     with a pellet; none for no retreats."""
 

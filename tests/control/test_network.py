@@ -228,8 +228,8 @@ JOINT = {"output": "joint action values"}
         ),
         ({"retreat_in_place": 8}, "retreat_in_place is 8, but must be absent where temperature is."),
         (
-            {"temperature": 0.5, "retreat_in_place": 1},
-            "retreat_in_place is 1, but must be a whole number from 2 to 10000 or None.",
+            {"temperature": 0.5, "retreat_in_place": 2},
+            "retreat_in_place is 2, but must be a whole number from 3 to 10000 or None.",
         ),
         ({"temperature": 0.0}, "temperature is 0.0, but must be a number from 0.001 to 1000 or None."),
         ({"activation": "gelu"}, 'activation is "gelu", but must be "relu" or "tanh".'),

@@ -44,7 +44,7 @@ def plainly(seen, action, drawn, left, decisions, moves):
 @settings(deadline=None, max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    decisions=st.integers(2, 12),
+    decisions=st.integers(3, 12),
     moves=st.sampled_from([2, 4]),
     shape=st.sampled_from([(3,), (2, 5), (2, 2, 3)]),
 )

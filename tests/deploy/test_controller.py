@@ -76,6 +76,18 @@ def test_so_do_those_of_made_up_policies(tmp_path, made):
         assert_same_world(env, robots)
 
 
+def test_robots_that_have_come_to_a_stand_retreat_on_the_floor_as_in_simulation(tmp_path):
+    # Each repeats one action, so it soon stands at a wall.
+    fields = {"of_robot": (0, 0, 0), "output": "logits", "temperature": 0.001}
+    poses = []
+    for number, retreat in enumerate((None, 12)):
+        policy = load_policy(make_policy(tmp_path / str(number), retreat_in_place=retreat, **fields))
+        for env, robots, _ in beside_evaluation(policy, 60):
+            assert_same_world(env, robots)
+        poses.append(robots.world.state.pose)
+    assert (poses[0] != poses[1]).any()
+
+
 def started(name="paper-2", periods=0, **options):
     controller = Controller(load_policy(name), name=name, **options)
     robots = SimulatedRobots(controller.config.changed(pellet_gradient=0.0), seed=1)
