@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from robosim.control.retreat import Retreat, known_for_retreats
-from robosim.discretise.observation import NO_COLUMNS, STANDING, Columns, blocked_moves
+from robosim.discretise.observation import NO_COLUMNS, Columns, blocked_moves, standing
 from robosim.errors import InputError, shown, whole_number
 from robosim.records import Many, Record
 from robosim.robot.drivers import FEWEST_ACTIONS
@@ -285,8 +285,8 @@ class Networks:
         """Return the actions [..., robots] that robots draw in the decision `number`, or retreat by."""
         spec, drawn = self.spec, draws(number, values.shape[:-1])
         temperature = np.asarray(spec.temperature, np.float32)
-        if spec.temperature_in_place is not None:
-            stands = observation[..., self._in_place] >= np.float32(STANDING)
+        if spec.temperature_in_place is not None and self._in_place is not None:
+            stands = standing(observation, self._in_place)
             temperature = np.where(stands, np.float32(spec.temperature_in_place), temperature)
         actions = drawn_actions(values, temperature, drawn)
         if self._retreat is None:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robosim.discretise.observation import STANDING, Columns, MoveGains, blocked_moves
+from robosim.discretise.observation import Columns, MoveGains, blocked_moves, standing
 
 CHANCE = 0.1
 """Of a robot that has stood for a while, in every decision, to begin to retreat."""
@@ -56,7 +56,7 @@ class Retreat:
         each robot retreats yet, and is changed in place.
         """
         laden = observation[..., self._laden] >= np.float32(0.5)
-        stands = observation[..., self._in_place] >= np.float32(STANDING)
+        stands = standing(observation, self._in_place)
         fine = drawn * np.float32(FINE)
         begins = stands & (left == 0) & (fine - np.floor(fine) < np.float32(CHANCE))
         left[begins] = np.where(laden, self._decisions // LADEN_SHARE, self._decisions)[begins]

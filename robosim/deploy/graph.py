@@ -147,15 +147,23 @@ def _over_size(nodes: _Nodes, hidden: str) -> str:
 def _blocked(nodes: _Nodes, spec: NetworkSpec, gains: MoveGains) -> str:
     """Return which outputs are not to be chosen, of the shape of `values`."""
     moves = np.arange(spec.actions) < gains.moves
-    lost = []
-    for goal, start in (("home", gains.home), ("source", gains.source)):
-        # Actions that are no moves read any column; below they are never blocked.
-        columns = np.where(moves, start + np.arange(spec.actions), start)
-        gained = nodes.add("Gather", OBSERVATION, nodes.whole(f"gain_{goal}", *map(int, columns)), axis=2)
-        all_lost = nodes.constant(f"cell_from_{goal}", np.array(-1.0, np.float32))
-        lost.append(nodes.add("LessOrEqual", gained, all_lost))
-    blocked = nodes.add("And", nodes.add("And", *lost), nodes.constant("moves", moves))
+    # Actions that are no moves read any column; below they are never blocked.
+    _, _, lost = _gained(nodes, gains, np.where(moves, np.arange(spec.actions), 0))
+    blocked = nodes.add("And", lost, nodes.constant("moves", moves))
     return _combined(nodes, spec, blocked) if spec.joint else blocked
+
+
+def _gained(
+    nodes: _Nodes, gains: MoveGains, moves: NDArray[np.int64], prefix: str = ""
+) -> tuple[str, str, str]:
+    """Return what `moves` gain toward home and toward the source, and which of them are blocked."""
+    gained, lost = [], []
+    for goal, start in (("home", gains.home), ("source", gains.source)):
+        columns = nodes.whole(f"{prefix}gain_{goal}", *map(int, start + moves))
+        gained.append(nodes.add("Gather", OBSERVATION, columns, axis=2))
+        all_lost = nodes.constant(f"{prefix}cell_from_{goal}", np.array(-1.0, np.float32))
+        lost.append(nodes.add("LessOrEqual", gained[-1], all_lost))
+    return gained[0], gained[1], nodes.add("And", *lost)
 
 
 def _combined(nodes: _Nodes, spec: NetworkSpec, blocked: str) -> str:
@@ -229,13 +237,7 @@ def _retreat(nodes: _Nodes, decisions: int, known: Known, last: str, stands: str
     less = nodes.add("Sub", left, nodes.constant("one_less", np.array(1, np.int64)))
     nodes.add("Where", retreats, less, left, result=RETREATS_LEFT)
     # The open move that leads away from the goal the most.
-    gained = []
-    for goal, start in (("home", known.gains.home), ("source", known.gains.source)):
-        moves = nodes.whole(f"from_{goal}", *range(start, start + known.gains.moves))
-        gained.append(nodes.add("Gather", OBSERVATION, moves, axis=2))
-    home, source = gained
-    lost = nodes.constant("lost", np.array(-1.0, np.float32))
-    blocked = nodes.add("And", nodes.add("LessOrEqual", home, lost), nodes.add("LessOrEqual", source, lost))
+    home, source, blocked = _gained(nodes, known.gains, np.arange(known.gains.moves), "retreat_")
     away = nodes.add("Where", laden, source, home)
     nowhere = nodes.constant("nowhere", np.array(-np.inf, np.float32))
     best = nodes.add(

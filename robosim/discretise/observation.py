@@ -167,6 +167,12 @@ def find_columns(names: Sequence[str], actions: ActionKind) -> Columns:
     return Columns(gain_columns(names, actions), in_place, laden)
 
 
+def standing(observation: NDArray[np.float32], in_place: int) -> NDArray[np.bool_]:
+    """Return which robots [...] have stood for a while, by number `in_place` of `observation` [..., size]."""
+    stands: NDArray[np.bool_] = observation[..., in_place] >= np.float32(STANDING)
+    return stands
+
+
 def blocked_moves(observation: _Array, columns: MoveGains) -> _Array:
     """Return which of the moves are blocked, [..., moves], for `observation` [..., size].
 
