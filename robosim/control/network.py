@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from robosim.control.retreat import Retreat, known_for_retreats
+from robosim.control.retreat import Retreat, checked_retreats, known_for_retreats
 from robosim.discretise.observation import NO_COLUMNS, Columns, blocked_moves, standing
 from robosim.errors import InputError, shown, whole_number
 from robosim.records import Many, Record
@@ -291,13 +291,7 @@ class Networks:
         actions = drawn_actions(values, temperature, drawn)
         if self._retreat is None:
             return actions
-        if retreats is None or retreats.shape != actions.shape or retreats.dtype != np.int64:
-            given = "missing" if retreats is None else f"of type {retreats.dtype} and shape {retreats.shape}"
-            raise InputError(
-                f"retreats is {given}, but must be an array of int64 and shape {actions.shape}: these robots "
-                "retreat, and it holds for how many decisions yet."
-            )
-        return self._retreat(actions, observation, drawn, retreats)
+        return self._retreat(actions, observation, drawn, checked_retreats(retreats, actions.shape))
 
     def _forward(self, hidden: Floats) -> Floats:
         """Return [networks, batch, outputs] of inputs [networks, batch, inputs]; one network serves all."""

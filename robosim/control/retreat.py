@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robosim.discretise.observation import Columns, MoveGains, blocked_moves, standing
+from robosim.errors import InputError
 
 CHANCE = 0.1
 """Of a robot that has stood for a while, in every decision, to begin to retreat."""
@@ -39,6 +40,17 @@ def known_for_retreats(columns: Columns) -> Known | None:
     """Return that; None where an observation does not hold all of it."""
     gains, in_place, laden = columns
     return None if gains is None or in_place is None or laden is None else Known(gains, in_place, laden)
+
+
+def checked_retreats(retreats: Whole | None, shape: tuple[int, ...], place: str = "") -> Whole:
+    """Return the array of decisions that are left; InputError, which begins with `place`, for any other."""
+    if retreats is None or retreats.shape != shape or retreats.dtype != np.int64:
+        given = "missing" if retreats is None else f"of type {retreats.dtype} and shape {retreats.shape}"
+        raise InputError(
+            f"{place}retreats is {given}, but must be an array of int64 and shape {shape}: these robots "
+            "retreat, and it holds for how many decisions yet."
+        )
+    return retreats
 
 
 class Retreat:

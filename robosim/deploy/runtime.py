@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from robosim.control.card import PolicyCard
 from robosim.control.network import draws
+from robosim.control.retreat import checked_retreats
 from robosim.errors import InputError, shown
 from robosim.texts import parse_json, read_limited
 
@@ -94,7 +95,7 @@ class OnnxPolicy:
 
         A policy that draws its actions needs the number of the `decision`, and one whose robots retreat
         `retreats` [batch, robots], which it changes, as `robosim.control.policy.Policy.act` does; InputError
-        where that is missing, and for a graph that fails.
+        where that is missing or another, and for a graph that fails.
         """
         inputs: dict[str, NDArray[Any]] = {OBSERVATION: observation}
         if self._draws:
@@ -105,12 +106,7 @@ class OnnxPolicy:
                 )
             inputs[DRAWS] = draws(decision, observation.shape[:-1])
         if self._remembers:
-            if retreats is None:
-                raise InputError(
-                    f"{self._place}: retreats is missing, but must be an array of int64: the robots of this "
-                    "policy retreat, and it holds for how many decisions yet."
-                )
-            inputs[RETREATS] = retreats
+            inputs[RETREATS] = checked_retreats(retreats, observation.shape[:-1], f"{self._place}: ")
         shape = list(observation.shape)
         outputs = [ACTIONS, VALUES, *([RETREATS_LEFT] if self._remembers else [])]
         try:

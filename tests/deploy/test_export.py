@@ -125,12 +125,13 @@ def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot, in_place
         assert (left == expected_left).all()
         assert 0.05 < (left > 0)[stands].mean() < 0.6
         assert not (left > 0)[~stands].any()
-        with pytest.raises(InputError) as caught:
-            exported.act(observations, 0)
-        assert str(caught.value) == (
-            "model: retreats is missing, but must be an array of int64: the robots of this policy retreat, "
-            "and it holds for how many decisions yet."
-        )
+        for wrong, what in ((None, "missing"), (left[:1, :1], "of type int64 and shape (1, 1)")):
+            with pytest.raises(InputError) as caught:
+                exported.act(observations, 0, wrong)
+            assert str(caught.value) == (
+                f"model: retreats is {what}, but must be an array of int64 and shape (400, 3): these robots "
+                "retreat, and it holds for how many decisions yet."
+            )
     assert agreement(exported, policy, observations).holds
     with pytest.raises(InputError) as caught:
         exported.act(observations)
