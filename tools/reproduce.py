@@ -229,16 +229,14 @@ def figure_lines(section: Section) -> Iterator[str]:
         return
     # One figure has a point for each size, so all of them fit; the others have a panel for each.
     names = sorted({run.system for run in every})
-    pictures = dict(draw_comparison(compare(runs), runs, names))
-    if len(every) > len(runs):
-        drawings = draw_comparison(compare(every), every, names)
-        pictures["team-size"] = next(picture for name, picture in drawings if name == "team-size")
+    pictures = dict(draw_comparison(compare(runs), runs, names, section.figures))
+    if "team-size" in pictures and len(every) > len(runs):
+        pictures.update(draw_comparison(compare(every), every, names, ["team-size"]))
     for name, picture in pictures.items():
-        if name in section.figures:
-            path = IMAGES / f"results-{section.name}-{name}.png"
-            path.write_bytes(picture.png)
-            yield f"![{section.title}: {name.replace('-', ' ')}](images/{path.name})"
-            yield ""
+        path = IMAGES / f"results-{section.name}-{name}.png"
+        path.write_bytes(picture.png)
+        yield f"![{section.title}: {name.replace('-', ' ')}](images/{path.name})"
+        yield ""
 
 
 def drawn(section: Section, run: Run) -> bool:

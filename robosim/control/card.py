@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from robosim.arena.model import Arena
 from robosim.arena.schema import RobotSection, TimingSection
 from robosim.control.html import evaluation_html
-from robosim.control.network import NetworkSpec, Weights, check_standing, check_weights
+from robosim.control.network import NetworkSpec, Weights, check_weights, unmet_standing
 from robosim.discretise.observation import Columns, MoveGains, find_columns
 from robosim.envs.config import EnvConfig
 from robosim.envs.profile import ProfileConfig
@@ -271,7 +271,8 @@ class PolicyCard(Record):
                 f"network.mask is {shown(True)}, but must be {shown(False)} where observations hold no gains "
                 "of moves"
             )
-        check_standing(network, self.columns, "network.")
+        if (unmet := unmet_standing(network, self.columns)) is not None:
+            raise ValueError(f"network.{unmet}")
         if "\n" not in self.env.arena:
             raise ValueError(f"env.arena is {shown(self.env.arena)}, but must be the text of an arena")
         if self.arena.sha256 != fingerprint(self.env.arena):

@@ -181,17 +181,15 @@ def check_drawing(settings: Record) -> None:
             raise ValueError(f"{name} is {shown(given)}, but must be absent where {temperature} is")
 
 
-def check_standing(spec: NetworkSpec, columns: Columns, place: str = "") -> None:
-    """Raise ValueError where `spec` asks for what observations do not hold."""
+def unmet_standing(spec: NetworkSpec, columns: Columns) -> str | None:
+    """Return which field of `spec` asks for what observations do not hold, as a sentence without its end."""
     field = spec.asks_for_standing
     missing = "" if columns.in_place is not None else "say how long a robot has been in place"
     if spec.retreat_in_place is not None and not missing and known_for_retreats(columns) is None:
         field, missing = "retreat_in_place", "say what robots carry and which moves lead where"
-    if field is not None and missing:
-        raise ValueError(
-            f"{place}{field} is {shown(getattr(spec, field))}, but must be absent where observations do not "
-            f"{missing}"
-        )
+    if field is None or not missing:
+        return None
+    return f"{field} is {shown(getattr(spec, field))}, but must be absent where observations do not {missing}"
 
 
 class Networks:
@@ -216,10 +214,8 @@ class Networks:
                 f"mask is {shown(True)}, but must be {shown(False)} where observations hold no "
                 "gains of moves."
             )
-        try:
-            check_standing(spec, columns)
-        except ValueError as error:
-            raise InputError(f"{error}.") from None
+        if (unmet := unmet_standing(spec, columns)) is not None:
+            raise InputError(f"{unmet}.")
         self.spec = spec
         self._in_place = columns.in_place
         self._gains = columns.gains if spec.mask else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 
 import numpy as np
 
@@ -20,37 +20,48 @@ _THRESHOLDS = 201
 
 
 def draw_comparison(
-    comparison: Comparison, runs: Sequence[Run], names: Sequence[str] = ()
+    comparison: Comparison,
+    runs: Sequence[Run],
+    names: Sequence[str] = (),
+    figures: Collection[str] | None = None,
 ) -> Iterator[tuple[str, Rendered]]:
     """Yield each figure that there is something to draw for, by its name; equal runs give equal bytes.
 
-    Systems get their colours in the order of `names`, which may hold more than there are, then in that of the
-    runs: figures drawn with the same names show a system alike.
+    `figures` names those that are wanted; None wants all. Systems get their colours in the order of `names`,
+    which may hold more than there are, then in that of the runs: figures drawn with the same names show a
+    system alike.
     """
     tasks = [table.task for table in comparison.tables]
-    curves = [_panel(task, tasks, _learned(_runs_of(runs, task))) for task in tasks]
-    by_then = [_panel(task, tasks, _delivered_by_then(_runs_of(runs, task))) for task in tasks]
-    work = [_panel(task, tasks, _shares(_runs_of(runs, task))) for task in tasks if task.robots > 1]
-    touched = [_panel(task, tasks, _touches(_runs_of(runs, task))) for task in tasks if task.robots > 1]
-    better = [_panel(table.task, tasks, _improvements(table.rows)) for table in comparison.tables]
+    teams = [task for task in tasks if task.robots > 1]
     baselines = {table.baseline for table in comparison.tables if table.baseline is not None}
     reference = baselines.pop() if len(baselines) == 1 else None
     systems = Systems(list(dict.fromkeys([*names, *(run.system for run in runs)])), reference)
     baseline = reference or "the best system"
+
+    def wanted(name: str) -> bool:
+        return figures is None or name in figures
+
+    def panels(of: Sequence[Task], lines: Callable[[dict[str, list[Run]]], list[Line]]) -> list[Panel]:
+        found = [_panel(task, tasks, lines(_runs_of(runs, task))) for task in of]
+        return [panel for panel in found if panel.lines]
+
     with look():
-        if filled := [panel for panel in curves if panel.lines]:
+        if wanted("learning-curves") and (filled := panels(tasks, _learned)):
             yield "learning-curves", render(draw.learning_curves(filled, systems))
-        yield "team-size", render(draw.by_team_size(_sizes(comparison), systems, comparison.metric))
-        if comparison.normalised and comparison.metric not in FEWER_IS_BETTER:
+        if wanted("team-size"):
+            yield "team-size", render(draw.by_team_size(_sizes(comparison), systems, comparison.metric))
+        if wanted("profiles") and comparison.normalised and comparison.metric not in FEWER_IS_BETTER:
             lines = _profiles(comparison)
             yield "profiles", render(draw.performance_profiles(lines, systems, baseline))
-        if filled := [panel for panel in better if panel.lines]:
-            yield "improvement", render(draw.improvement(filled, systems, baseline))
-        if filled := [panel for panel in by_then if panel.lines]:
+        if wanted("improvement"):
+            better = [_panel(table.task, tasks, _improvements(table.rows)) for table in comparison.tables]
+            if filled := [panel for panel in better if panel.lines]:
+                yield "improvement", render(draw.improvement(filled, systems, baseline))
+        if wanted("pellets") and (filled := panels(tasks, _delivered_by_then)):
             yield "pellets", render(draw.cumulative_pellets(filled, systems))
-        if filled := [panel for panel in work if panel.lines]:
+        if wanted("lorenz") and (filled := panels(teams, _shares)):
             yield "lorenz", render(draw.lorenz_curves(filled, systems))
-        if filled := [panel for panel in touched if panel.lines]:
+        if wanted("touches") and (filled := panels(teams, _touches)):
             yield "touches", render(draw.pellets_against_touches(filled, systems))
 
 

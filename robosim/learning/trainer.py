@@ -17,7 +17,7 @@ import robosim
 from robosim.control.card import Evaluation, PolicyCard, TrainingCard, card_for
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
-from robosim.control.network import DRAWING, NetworkSpec, check_standing
+from robosim.control.network import DRAWING, NetworkSpec, unmet_standing
 from robosim.control.policy import Policy, save_policy
 from robosim.discretise.observation import find_columns
 from robosim.envs.vector import VectorEnv
@@ -306,10 +306,9 @@ def _spec_at_work(training: Training) -> NetworkSpec:
     """Return the networks of the team that a run leaves; InputError where they cannot act as it wants."""
     drawing = {name: getattr(training.config.run, name) for name in DRAWING}
     spec, env = training.actors().spec.changed(**drawing), training.env
-    try:
-        check_standing(spec, find_columns(env.layout.names, env.config.actions))
-    except ValueError as error:
-        raise InputError(f"{error}.") from None
+    columns = find_columns(env.layout.names, env.config.actions)
+    if (unmet := unmet_standing(spec, columns)) is not None:
+        raise InputError(f"{unmet}.")
     return spec
 
 

@@ -31,3 +31,11 @@ def test_names_that_have_no_runs_are_not_drawn() -> None:
     svg = dict(draw_comparison(compare(given), given, ["nobody"]))["team-size"].svg.decode()
     assert ">c<" in svg
     assert "nobody" not in svg
+
+
+def test_figures_that_are_not_wanted_are_not_drawn() -> None:
+    given = runs("lanes", 2) + runs("c", 2)
+    every = dict(draw_comparison(compare(given), given))
+    assert list(every) == ["team-size", "profiles", "improvement"]
+    some = dict(draw_comparison(compare(given), given, figures=["improvement", "touches"]))
+    assert some == {"improvement": every["improvement"]}
