@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,22 +35,21 @@ RESULTS = ROOT / "docs" / "results"
 IMAGES = ROOT / "docs" / "images"
 PAGE = ROOT / "docs" / "results.md"
 RUNS = Path("runs")
-READING = RESULTS / "reading.md"
 INTERRUPTED = 130
 """Exit code of a command that was stopped."""
 
 INTRODUCTION = """\
 # Results
 
-Every number on this page is written by `python tools/reproduce.py write` from the records in
-[docs/results](results/). `python tools/reproduce.py run` makes them: it can be stopped, goes on where it
-was, and takes many hours in all on two cores. `python tools/reproduce.py --quick` shows the same for small
-teams within ten minutes.
+Every table and figure on this page is made by `python tools/reproduce.py write` from the records in
+[docs/results](results/); the words beside them tell what they show. `python tools/reproduce.py run` makes the
+records: it can be stopped, goes on where it was, and takes many hours in all on two cores. `python
+tools/reproduce.py --quick` shows the same for small teams within ten minutes.
 """
 INTERVALS = """\
 Pellets in an episode: interquartile mean over seeds and its 95 % bootstrap interval in brackets; single
 values where there are fewer than three seeds, `(2 of 3)` where some are missing, "not run" where all are,
-"none" where there are to be none.
+"none" where there are to be none. More tables open by a click.
 """
 
 
@@ -161,17 +160,19 @@ def run(names: Sequence[str], extra: Sequence[str]) -> int:
 
 def write() -> None:
     """Write the page and its figures."""
-    lines = [INTRODUCTION, INTERVALS, *reading()]
-    if CLOG_PICTURE.exists():
-        lines += [CLOG_LINES]
+    lines = [INTRODUCTION, *reading("answers"), INTERVALS]
     for section in there():
         lines += [f"## {section.title}", "", *section_lines(section)]
+    if CLOG_PICTURE.exists():
+        lines += [CLOG_LINES]
     PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
     print(PAGE)
 
 
-def reading() -> list[str]:
-    return [READING.read_text(encoding="utf-8").rstrip(), ""] if READING.exists() else []
+def reading(name: str) -> list[str]:
+    """Return what is written by hand beside the records of that name."""
+    path = RESULTS / f"{name}.md"
+    return [path.read_text(encoding="utf-8").rstrip(), ""] if path.exists() else []
 
 
 def section_lines(section: Section) -> Iterator[str]:
@@ -190,13 +191,22 @@ def section_lines(section: Section) -> Iterator[str]:
     for sentence in table.reasons():
         yield f"- None of {sentence}"
     yield ""
+    yield from reading(section.name)
     for figure, about in (section.also or {}).items():
         if any(result.figures.get(figure) for result in done):
-            yield about
-            yield ""
-            yield from sweep_table(sweep, results, figure).lines(digits=0 if figure == "touches" else 2)
-            yield ""
+            lines = sweep_table(sweep, results, figure).lines(digits=0 if figure == "touches" else 2)
+            yield from folded(about, lines)
     yield from figure_lines(section)
+
+
+def folded(about: str, lines: Iterable[str]) -> Iterator[str]:
+    """Yield lines of Markdown that are seen when a reader opens what `about` says."""
+    yield f'<details markdown="1"><summary>{about}</summary>'
+    yield ""
+    yield from lines
+    yield ""
+    yield "</details>"
+    yield ""
 
 
 def count_line(sweep: Sweep, done: Sequence[Result]) -> str:
