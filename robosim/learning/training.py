@@ -14,7 +14,7 @@ from pydantic import Field, TypeAdapter
 
 from robosim.control.card import MOST, StageCard
 from robosim.control.learned import check_fit
-from robosim.control.network import NetworkSpec
+from robosim.control.network import DRAWING, NetworkSpec
 from robosim.control.policy import Policy, load_policy
 from robosim.envs.mixed import MixedVectorEnv
 from robosim.envs.vector import MAX_SEED, Snapshot, VectorEnv
@@ -272,7 +272,8 @@ def starting_team(config: RunConfig, policy: Policy) -> tuple[AlgorithmConfig, A
         raise InputError(f"start_from {shown(start)} {error}") from None
     if card.robots <= robots or spec.shared:
         check_fit(card, evaluation_env(config, 1, 0, min(card.robots, robots)), start)
-    actors = Actors(spec.changed(precision="float32"), policy.weights())
+    # How a team draws its actions is said by the run that leaves it, not by the one that begins with it.
+    actors = Actors(spec.changed(precision="float32", **dict.fromkeys(DRAWING)), policy.weights())
     if algorithm.shares_parameters and spec.shared:
         # One network drives a team of any size.
         actors = Actors(actors.spec.changed(of_robot=(0,) * robots), actors.weights)

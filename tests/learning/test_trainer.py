@@ -422,6 +422,21 @@ def test_one_network_for_all_starts_from_one_alone(tmp_path):
     assert not (tmp_path / "no").exists()
 
 
+def test_a_curriculum_goes_on_from_a_team_that_draws_its_actions(tmp_path):
+    drawn = {"temperature": 0.5, "temperature_in_place": 2.0, "retreat_in_place": 12}
+    run(tmp_path / "two", short("ippo", evaluation_episodes=0, **drawn))
+    grown = short("ippo", robots=3, curriculum=True, start_from=str(tmp_path / "two"), evaluation_episodes=0)
+    run(tmp_path / "best", grown)
+    run(tmp_path / "drawn", grown.with_options(**drawn))
+    first, best, draws = (load_policy(tmp_path / name) for name in ("two", "best", "drawn"))
+    assert [policy.card.network.temperature for policy in (first, best, draws)] == [0.5, None, 0.5]
+    assert draws.card.network.retreat_in_place == 12
+    for name, array in first.weights().items():
+        # What the frozen robots know does not change, and how the team is to draw changes nothing learned.
+        np.testing.assert_array_equal(best.weights()[name][:2], array)
+        np.testing.assert_array_equal(draws.weights()[name], best.weights()[name])
+
+
 def test_a_curriculum_goes_on_from_a_shipped_team_with_its_layers_and_its_mask(tmp_path):
     config = short("smadrl", robots=4, hidden=(128, 128, 128), start_from="paper-2", evaluation_episodes=0)
     run(tmp_path / "run", config)

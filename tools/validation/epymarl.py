@@ -1,4 +1,4 @@
-"""EPyMARL (Papoudakis 2021) on simple_spread, with the settings of its own configuration files.
+"""EPyMARL (Papoudakis 2021) on simple_spread, with the settings of its own files but for exploration.
 
 It is no package: `path` is a checkout of github.com/uoe-agents/epymarl. Its learners, controllers and replay
 are used as they are; episodes are filled in here, several at a time, in place of its runners, which step one
@@ -33,6 +33,9 @@ METHODS: dict[str, tuple[str, Options]] = {
     "qmix": ("qmix", {"common_reward": True}),
 }
 """Configuration file, and options that differ from it."""
+EXPLORATION = 0.1
+"""Share of the decisions over which exploration falls, as in robosim. Its own files say 50,000 decisions or
+more: as many as a run has here, which would explore all the time."""
 SIDE_BY_SIDE = 8
 """Episodes at a time where its runner takes one."""
 
@@ -129,6 +132,8 @@ def learn(method: str, seed: int, decisions: int, path: Path) -> tuple[Act, list
     torch.manual_seed(seed)
     np.random.seed(seed)  # noqa: NPY002  its replay draws from the global generator
     settings = _settings(path, method)
+    if settings.get("action_selector") == "epsilon_greedy":
+        settings["epsilon_anneal_time"] = round(EXPLORATION * decisions)
     together = settings["runner"] == "parallel"
     spread = Spread(settings["batch_size_run"] if together else SIDE_BY_SIDE, seed)
     team = _Epymarl(path, settings)

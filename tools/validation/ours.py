@@ -37,7 +37,8 @@ METHODS: dict[str, tuple[str, int, Options]] = {
             "learning_rate_end": 1.0,
             "return_steps": 1,
             "reward_scale": 1.0,
-            "batch_size": 128,
+            # Of moments, each with the transitions of three robots.
+            "batch_size": 43,
             "replay_capacity": 300_000,
             "updates_per_step": 1.0,
             "target_interval": 250,

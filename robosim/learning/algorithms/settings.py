@@ -53,7 +53,7 @@ class MaskConfig(LearnerConfig):
 
     mask: bool = False
     """Moves that end at a wall or lead away from both goals are not chosen, where observations hold the gains
-    of moves."""
+    of moves; exploration by chance, with epsilon, draws from all actions."""
 
     def own_networks(self, task: Task, output: Output) -> NetworkSpec:
         """Return what networks are by which each robot acts on its own observation, with ReLU."""

@@ -126,7 +126,7 @@ def epsilon_greedy(
 
     `values` gives those of the actions, [envs, robots, actions], for `observation` [envs, robots, size];
     `epsilon` is one number, or [envs, 1]; `gains` is where observations hold the gains of moves
-    (`gain_columns`), of which blocked ones are not chosen, None for no mask.
+    (`gain_columns`), of which blocked ones are never the best, None for no mask.
     """
     shape = observation.shape[:2]
     # Both draws are always made, so that the stream of numbers does not depend on the outcome.
