@@ -170,9 +170,12 @@ def write() -> None:
 
 
 def reading(name: str) -> list[str]:
-    """Return what is written by hand beside the records of that name."""
+    """Return what is written by hand beside the records of that name, with links as they are on the page."""
     path = RESULTS / f"{name}.md"
-    return [path.read_text(encoding="utf-8").rstrip(), ""] if path.exists() else []
+    if not path.exists():
+        return []
+    text = path.read_text(encoding="utf-8").rstrip()
+    return [text.replace("](../results.md#", "](#").replace("](../", "]("), ""]
 
 
 def section_lines(section: Section) -> Iterator[str]:

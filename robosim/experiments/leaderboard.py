@@ -17,8 +17,12 @@ from robosim.errors import whole_number
 from robosim.experiments.comparison import REFERENCE
 from robosim.experiments.runs import PELLETS, Run, Task, read_runs, require_same_tasks, shipped_run
 from robosim.experiments.statistics import LEAST_RUNS, Estimate, estimate, interquartile_mean, mean
+from robosim.experiments.team import POLICY
+from robosim.robot.drivers import ACTION_KINDS
 
 Kind = Literal["trained", "scripted", "one team"]
+SEARCH = "tuning.results.jsonl"
+"""Records of the search for settings: what it chose by its seed must not be judged by it again."""
 OURS = "robosim"
 """Where entries come from that robosim has itself."""
 
@@ -68,8 +72,12 @@ class Leaderboard:
 
 
 def committed_records() -> list[Path]:
-    """Return the files of results that robosim keeps with its code; none beside an installed package."""
-    return sorted((Path(robosim.__file__).parent.parent / "docs" / "results").glob("*.results.jsonl"))
+    """Return the files of results that robosim keeps with its code, but for those of the search for settings.
+
+    None beside an installed package.
+    """
+    folder = Path(robosim.__file__).parent.parent / "docs" / "results"
+    return sorted(path for path in folder.glob("*.results.jsonl") if path.name != SEARCH)
 
 
 def leaderboard(
@@ -114,7 +122,10 @@ def _systems(runs: Sequence[Run]) -> list[list[Run]]:
 
 
 def _named(systems: Sequence[list[Run]]) -> Iterator[tuple[str, list[Run]]]:
-    """Yield the systems with names: the technique, and as few options as tell those of a task apart."""
+    """Yield the systems with names: the technique, and as few options as tell those of a task apart.
+
+    Actions other than cardinal ones are named wherever they are: such teams are of another kind.
+    """
     alike: dict[tuple[Task, str], list[list[Run]]] = defaultdict(list)
     for system in systems:
         alike[system[0].task, system[0].technique].append(system)
@@ -127,7 +138,10 @@ def _named(systems: Sequence[list[Run]]) -> Iterator[tuple[str, list[Run]]]:
             if now > told:
                 needed, told = [*needed, option], now
         for options, system in zip(full, group, strict=True):
-            shown = [f"{name}={options[name]}" for name in needed if name in options]
+            actions = str(system[0].options.get("actions", ACTION_KINDS[0]))
+            apart = {"actions": actions} if actions != ACTION_KINDS[0] and "actions" not in needed else {}
+            named = apart | {name: options[name] for name in needed if name in options}
+            shown = [f"{name}={value}" for name, value in named.items()]
             yield " ".join([technique, *shown]), system
 
 
@@ -140,18 +154,20 @@ def _options_of(run: Run) -> Iterator[tuple[str, str]]:
 
 def _entry(system: str, runs: Sequence[Run], source: str) -> Entry:
     first, scores = runs[0], [score for run in runs if (score := run.score(PELLETS)) is not None]
-    per_episode = np.array(first.figures[PELLETS], dtype=np.float64)
+    per_episode = np.array([pellets for run in runs for pellets in run.figures[PELLETS]], dtype=np.float64)
     scripted = first.technique in SCRIPTED
-    alone = len(runs) == 1
+    # A finished team may have been evaluated several times: its seeds are those of episodes.
+    finished = first.technique.startswith(POLICY)
+    alone = finished or len(runs) == 1
     kind: Kind = "scripted" if scripted else "one team" if alone else "trained"
     steps = first.options.get("steps")
     return Entry(
         task=first.task,
-        rank=0 if scripted or len(runs) >= LEAST_RUNS else None,
-        system=system,
+        rank=0 if not finished and (scripted or len(runs) >= LEAST_RUNS) else None,
+        system=system.removeprefix(POLICY),
         kind=kind,
         source=source,
-        seeds=len(runs),
+        seeds=1 if finished else len(runs),
         episodes=sum(len(run.figures[PELLETS]) for run in runs),
         steps=None if scripted or steps is None else whole_number(f"{first.source}: steps", steps, 0, MOST),
         pellets=estimate(mean, per_episode) if alone else estimate(interquartile_mean, np.array(scores)),

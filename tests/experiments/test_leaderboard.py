@@ -103,6 +103,28 @@ def test_a_policy_that_ships_stands_beside_with_the_share_on_its_card():
     assert entry.share == pytest.approx(card.share)
 
 
+def test_a_finished_team_that_was_evaluated_several_times_has_no_rank(records):
+    for seed in range(3):
+        result(records, "policy:any", seed, [40 + seed, 44], learned=False)
+    found = rows(leaderboard([records], {}))["any"]
+    assert (found.rank, found.kind, found.seeds, found.episodes) == (None, "one team", 1, 6)
+    assert found.pellets == estimate(mean, np.array([40.0, 44.0, 41.0, 44.0, 42.0, 44.0]))
+
+
+def test_wheel_actions_are_named_wherever_they_are(records):
+    for seed in range(3):
+        result(records, "pqn", seed, [50, 50], actions="wheels")
+    assert "pqn actions=wheels" in rows(leaderboard([records], {}))
+    for seed in range(3):
+        result(records, "pqn", seed, [60, 60])
+    assert {"pqn actions=wheels", "pqn actions=cardinal"} < set(rows(leaderboard([records], {})))
+
+
+def test_the_search_for_settings_is_not_ranked():
+    assert any(path.name == "grid.results.jsonl" for path in committed_records())
+    assert all("tuning" not in path.name for path in committed_records())
+
+
 def test_an_arena_of_another_text_under_the_same_name_is_refused(records, tmp_path):
     card = read_card(find_policy("paper-4") / CARD_FILE)
     text = card.env.arena + "# mine\n"
@@ -119,7 +141,9 @@ def test_the_committed_records_hold_what_the_board_says_of_them():
     entry = rows(board, task)["ps-pqn"]
     scores = [run.score("pellets") for run in runs if run.task == task and run.technique == "ps-pqn"]
     assert entry.pellets.value == pytest.approx(sum(scores) / 3)
-    for _, entries in board.by_task():
+    for _, everybody in board.by_task():
+        entries = [entry for entry in everybody if entry.kind != "one team"]
+        assert {entry.system for entry in everybody} - {entry.system for entry in entries} <= {"any"}
         ranks = [entry.rank for entry in entries]
         assert ranks == list(range(1, len(ranks) + 1))
         values = [entry.pellets.value for entry in entries]
