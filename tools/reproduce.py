@@ -29,6 +29,7 @@ from robosim.experiments.results import Result, read_results
 from robosim.experiments.runs import Run, read_runs
 from robosim.experiments.sweep import Sweep, read_sweep
 from robosim.experiments.tables import Column, SweepTable, sweep_table
+from robosim.files import write_whole
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "docs" / "results"
@@ -165,7 +166,7 @@ def write() -> None:
         lines += [f"## {section.title}", "", *section_lines(section)]
     if CLOG_PICTURE.exists():
         lines += [CLOG_LINES]
-    PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+    write_whole(PAGE, "\n".join(lines).rstrip() + "\n")
     print(PAGE)
 
 
@@ -182,7 +183,7 @@ def section_lines(section: Section) -> Iterator[str]:
     """Yield what the page says of a sweep."""
     sweep, results = read_sweep(sweep_file(section.name)), read_results(results_file(section.name))
     done = [results[job.key] for job in sweep.jobs if job.key in results]
-    yield f"{sweep.about} {count_line(sweep, done)}"
+    yield f"{sweep.about} {count_line(sweep, done, len(results) - len(done))}"
     yield ""
     yield f"    robosim sweep docs/results/{section.name}.toml"
     yield ""
@@ -212,14 +213,15 @@ def folded(about: str, lines: Iterable[str]) -> Iterator[str]:
     yield ""
 
 
-def count_line(sweep: Sweep, done: Sequence[Result]) -> str:
-    """Say how much of a sweep has run, and where."""
+def count_line(sweep: Sweep, done: Sequence[Result], other: int) -> str:
+    """Say how much of a sweep has run, and where; `other` records beside it are of no run in it."""
     if not done:
         return f"Not run yet: none of its {len(sweep.jobs)} runs has been made."
     machines = sorted({result.machine.get("processor", "unknown") for result in done})
     hours = sum(result.wall_time + result.evaluation_time for result in done) / 3600.0
     return (
         f"{len(done)} of {len(sweep.jobs)} runs, {hours:.1f} hours of one core, on {' and '.join(machines)}."
+        + (f" {other} more records are of trials that the sweep does not hold." if other else "")
     )
 
 
@@ -299,6 +301,10 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=None)
     parser.add_argument("--quick", action="store_true")
     options = parser.parse_args()
+    if options.names and options.what not in {"plan", "run"}:
+        parser.error(f"{options.what} takes no names of sweeps: it is about all of them")
+    if options.quick and (options.what is not None or options.only is not None):
+        parser.error("--quick runs a sweep of its own: it takes neither plan, run nor --only")
     extra = [] if options.only is None else ["--only", options.only]
     if options.workers is not None:
         extra += ["--workers", str(options.workers)]
@@ -317,4 +323,5 @@ if __name__ == "__main__":
     try:
         sys.exit(main())
     except InputError as error:
-        sys.exit(f"{error}")
+        print(error, file=sys.stderr)
+        sys.exit(2)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from robosim.cli.tables import aligned, written
+from robosim.cli.tables import aligned, digits_for, require_apart, written
 from robosim.errors import InputError, without_controls
 
 if TYPE_CHECKING:
@@ -45,12 +45,9 @@ class Compare:
 
         if not self.runs:
             raise InputError("compare needs runs: give run folders, results of sweeps or evaluations.")
-        if self.json is not None and self.marl_eval is not None and _same(self.json, self.marl_eval):
-            raise InputError(
-                f"--json and --marl-eval are both {self.json}, but must be two files: one would replace "
-                "the other."
-            )
-        for path in (self.json, self.marl_eval):
+        outputs = {"--json": self.json, "--marl-eval": self.marl_eval}
+        require_apart(outputs, self.runs, self.figures)
+        for path in outputs.values():
             if path is not None:
                 require_writable(path)
         if self.figures is not None:
@@ -91,10 +88,6 @@ class Compare:
         print(f"written: {folder} ({', '.join(names)})")
 
 
-def _same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve()
-
-
 def lines_of(comparison: Comparison) -> list[str]:
     """Return the comparison as lines of text: a table for each task, one over all, and notes."""
     lines: list[str] = []
@@ -115,10 +108,11 @@ def _task_lines(table: Table) -> list[str]:
     if of is not None:
         head.append(f"better than {of}")
     rows = [head]
+    digits = digits_for([row.iqm.value for row in table.rows])
     for row in table.rows:
-        cells = [row.system, str(len(row.seeds)), str(row.episodes), written(row.iqm, 1)]
+        cells = [row.system, str(len(row.seeds)), str(row.episodes), written(row.iqm, digits)]
         if row.iqm.low is None and len(row.scores) > 1:
-            cells[3] += f" ({', '.join(f'{score:.1f}' for score in row.scores)})"
+            cells[3] += f" ({', '.join(f'{score:.{digits}f}' for score in row.scores)})"
         if table.scale > 0.0:
             cells.append(written(row.normalised, 2))
         if of is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from robosim.cli.tables import aligned, markdown, written
+from robosim.cli.tables import aligned, markdown, require_apart, written
 from robosim.errors import InputError, nearest_names, shown, without_controls
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ class Leaderboard:
         from robosim.experiments.leaderboard import committed_records, leaderboard
         from robosim.files import require_writable, write_whole
 
+        require_apart({"--json": self.json, "--into": self.into}, self.records)
         if self.json is not None:
             require_writable(self.json)
         policies = {name: read_card(find_policy(name) / CARD_FILE) for name in policy_names()}

@@ -67,13 +67,14 @@ def draw_comparison(
 
 def _panel(task: Task, tasks: Sequence[Task], lines: Sequence[Line]) -> Panel:
     """Return a panel, titled by what tells its task from the others."""
-    places = {(one.arena, one.world, one.episode_steps) for one in tasks}
+    places = set(map(_place, tasks))
     robots = f"{task.robots} robot" + ("s" if task.robots > 1 else "")
     return Panel(robots if len(places) == 1 else f"{_place(task)},\n{robots}", lines)
 
 
 def _place(task: Task) -> str:
-    return f"{task.arena} ({task.world}), {task.episode_steps} decisions"
+    under = f", under {task.profile}" if task.profile else ""
+    return f"{task.arena} ({task.world}), {task.episode_steps} decisions{under}"
 
 
 def _runs_of(runs: Sequence[Run], task: Task) -> dict[str, list[Run]]:

@@ -13,7 +13,7 @@ import numpy as np
 import robosim
 from robosim.control.card import MOST, PolicyCard
 from robosim.control.controller import SCRIPTED
-from robosim.errors import whole_number
+from robosim.errors import InputError, whole_number
 from robosim.experiments.comparison import REFERENCE
 from robosim.experiments.runs import PELLETS, Run, Task, read_runs, require_same_tasks, shipped_run
 from robosim.experiments.statistics import LEAST_RUNS, Estimate, estimate, interquartile_mean, mean
@@ -153,6 +153,9 @@ def _options_of(run: Run) -> Iterator[tuple[str, str]]:
 
 
 def _entry(system: str, runs: Sequence[Run], source: str) -> Entry:
+    for run in runs:
+        if not run.figures.get(PELLETS):
+            raise InputError(f"{run.source}: figures must hold {PELLETS}, a number for each episode.")
     first, scores = runs[0], [score for run in runs if (score := run.score(PELLETS)) is not None]
     per_episode = np.array([pellets for run in runs for pellets in run.figures[PELLETS]], dtype=np.float64)
     scripted = first.technique in SCRIPTED
@@ -188,10 +191,10 @@ def _reference(policies: Mapping[str, PolicyCard], shipped: Mapping[str, Run]) -
 def _ranked(entries: Sequence[Entry], lanes: Mapping[Task, float]) -> list[Entry]:
     """Return the entries with ranks and shares, the best first within each task."""
     ordered = sorted(entries, key=lambda one: (one.task, -one.pellets.value))
-    of_lanes = dict(lanes)
-    for one in ordered:
-        if one.system == REFERENCE and one.source == OURS:
-            of_lanes[one.task] = one.pellets.value
+    # Those of our own records count before those on cards, and these before those of others.
+    measured = [one for one in ordered if one.system == REFERENCE]
+    own = {one.task: one.pellets.value for one in measured if one.source == OURS}
+    of_lanes = {one.task: one.pellets.value for one in reversed(measured)} | dict(lanes) | own
     found, places = [], dict.fromkeys((one.task for one in ordered), 0)
     for one in ordered:
         if one.rank is not None:

@@ -29,7 +29,8 @@ def marl_eval_tables(runs: Sequence[Run], metric: str) -> tuple[dict[str, Any], 
     environments: dict[str, dict[str, dict[str, list[Run]]]] = {}
     for run in runs:
         if run.figures.get(metric):
-            place = f"{run.task.arena}-{run.task.world}-{run.task.episode_steps}"
+            task = run.task
+            place = "-".join([task.arena, task.world, str(task.episode_steps), *filter(None, [task.profile])])
             tasks = environments.setdefault(place, {})
             tasks.setdefault(f"{run.task.robots}-robots", {}).setdefault(_name(run.system), []).append(run)
     tables, notes = {}, []

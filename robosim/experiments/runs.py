@@ -310,7 +310,10 @@ def _read_result(result: Result, source: str) -> Run:
     """Return the run that a line of a sweep's results is of."""
     env = EnvConfig.from_table(_table(result.config, "env", source), f"{source}: env")
     measuring = _table(result.config, "evaluation", source)
-    arena = load_arena(env.arena)
+    try:
+        arena = load_arena(env.arena)
+    except InputError as error:
+        raise InputError(f"{source}: env.arena: {error}") from None
     steps = whole_number(
         f"{source}: evaluation.steps", measuring.get("steps") or arena.timing.episode_steps, 1, MOST_STEPS
     )

@@ -80,6 +80,32 @@ def test_scores_of_few_seeds_are_printed(tmp_path, capsys):
     assert shown.endswith("Fewer than 3 seeds say too little for an interval: their scores are printed.\n")
 
 
+def test_shares_have_more_decimals_than_pellets(tmp_path, capsys):
+    for seed in range(LEAST_RUNS):
+        made.result(tmp_path / "sweep.jsonl", "lanes", seed, [10, 10], learned=False)
+    text = (tmp_path / "sweep.jsonl").read_text().replace('"touches":[3,3]', '"gini":[0.125,0.125]')
+    (tmp_path / "sweep.jsonl").write_text(text)
+    assert main(["compare", str(tmp_path / "sweep.jsonl"), "--metric", "gini"]) == 0
+    assert re.search(r"lanes +3 +6 +0\.125 \[0\.125, 0\.125\]", capsys.readouterr().out)
+
+
+def test_runs_under_a_profile_are_told_from_those_without(given, tmp_path, capsys):
+    for seed in range(LEAST_RUNS):
+        made.result(tmp_path / "noisy.jsonl", "lanes", seed, [7, 7], learned=False, under="robotarium")
+        made.result(tmp_path / "noisy.jsonl", "pqn", seed, [3, 4], under="robotarium")
+    marl, figures = tmp_path / "marl.json", tmp_path / "figures"
+    command = ["compare", *given, str(tmp_path / "noisy.jsonl"), "--marl-eval", str(marl)]
+    assert main([*command, "--figures", str(figures)]) == 0
+    tables = json.loads(marl.read_text())
+    assert list(tables) == ["paper-grid-300", "paper-grid-300-robotarium"]
+    runs = [list(tables[place]["2-robots"]["lanes"]) for place in tables]
+    assert runs == [["run_1", "run_2", "run_3"]] * 2
+    for name in ("team-size", "improvement"):
+        text = (figures / f"{name}.svg").read_text()
+        # A panel's title is in its text.
+        assert "300 decisions, under robotarium" in text
+
+
 def test_names_in_results_of_strangers_cannot_steer_the_terminal(given, tmp_path, capsys):
     results, evil = tmp_path / "sweep.jsonl", "la\x1b[2J\u009b31m\u202enes\r$\\bad$"
     results.write_text(results.read_text().replace('"lanes"', json.dumps(evil)))
@@ -120,6 +146,20 @@ def test_wrong_input_is_a_sentence_and_leaves_nothing(given, tmp_path, capsys):
                 f"--json and --marl-eval are both {tmp_path / 'out.json'}, but must be two files: one would "
                 "replace the other."
             ),
+        ),
+        (
+            [*given, "--marl-eval", given[1]],
+            f"--marl-eval is {given[1]}, but must be another file than those that are read.",
+        ),
+        (
+            [*given, "--marl-eval", str(tmp_path / "runs" / "iql+s-0" / "evaluation.json")],
+            f"--marl-eval is {tmp_path / 'runs' / 'iql+s-0' / 'evaluation.json'}, but must be another file "
+            "than those that are read.",
+        ),
+        (
+            [*given, "--marl-eval", str(tmp_path / "out" / "marl.json")],
+            f"--marl-eval is {tmp_path / 'out' / 'marl.json'}, but must not lie in the new folder "
+            f"{tmp_path / 'out'}.",
         ),
         ([*given, "--baseline", "lane"], '--baseline: no run is of "lane": did you mean lanes?'),
         (

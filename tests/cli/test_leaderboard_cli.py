@@ -80,6 +80,24 @@ def test_what_there_is_not_is_a_sentence(options, sentence, capsys):
     assert capsys.readouterr() == ("", f"robosim: {sentence}\n")
 
 
+def test_nothing_that_is_read_is_replaced(tmp_path, capsys):
+    records, page = tmp_path / "mine.jsonl", tmp_path / "page.md"
+    made.result(records, "lanes", 0, [10, 10], learned=False)
+    before = records.read_text()
+    for options, option, path in (
+        (["--json", str(records)], "--json", records),
+        (["--into", str(records)], "--into", records),
+    ):
+        assert main(["leaderboard", "--records", str(records), *options]) == 2
+        sentence = f"{option} is {path}, but must be another file than those that are read."
+        assert capsys.readouterr() == ("", f"robosim: {sentence}\n")
+    assert main(["leaderboard", "--json", str(page), "--into", str(page)]) == 2
+    sentence = f"--json and --into are both {page}, but must be two files: one would replace the other."
+    assert capsys.readouterr() == ("", f"robosim: {sentence}\n")
+    assert records.read_text() == before
+    assert not page.exists()
+
+
 def test_names_in_records_of_strangers_cannot_steer_the_terminal(tmp_path, capsys):
     evil = "my\x1b[2J\u009bteam"
     (tmp_path / "mine\x1b.json").write_text(made.evaluation([3, 4], controller=evil).model_dump_json())

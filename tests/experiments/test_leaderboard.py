@@ -111,6 +111,23 @@ def test_a_finished_team_that_was_evaluated_several_times_has_no_rank(records):
     assert found.pellets == estimate(mean, np.array([40.0, 44.0, 41.0, 44.0, 42.0, 44.0]))
 
 
+def test_lanes_of_ones_own_are_the_measure_where_there_are_no_others(tmp_path):
+    theirs = tmp_path / "theirs.jsonl"
+    for seed in range(3):
+        result(theirs, "lanes", seed, [10, 10], learned=False)
+        result(theirs, "pqn", seed, [5, 5])
+    found = rows(leaderboard([], {}, [theirs]))
+    assert {name: entry.share for name, entry in found.items()} == {"lanes": 1.0, "pqn": 0.5}
+
+
+def test_a_record_without_pellets_is_a_sentence(tmp_path):
+    theirs = tmp_path / "theirs.jsonl"
+    result(theirs, "pqn", 0, [5, 7])
+    theirs.write_text(theirs.read_text().replace('"pellets"', '"pallets"'))
+    with pytest.raises(InputError, match=r"theirs\.jsonl .*: figures must hold pellets, a number for each"):
+        leaderboard([], {}, [theirs])
+
+
 def test_wheel_actions_are_named_wherever_they_are(records):
     for seed in range(3):
         result(records, "pqn", seed, [50, 50], actions="wheels")
