@@ -153,13 +153,17 @@ def test_wrong_input_is_a_sentence_and_leaves_nothing(given, tmp_path, capsys):
         ),
         (
             [*given, "--marl-eval", str(tmp_path / "runs" / "iql+s-0" / "evaluation.json")],
-            f"--marl-eval is {tmp_path / 'runs' / 'iql+s-0' / 'evaluation.json'}, but must be another file "
-            "than those that are read.",
+            (
+                f"--marl-eval is {tmp_path / 'runs' / 'iql+s-0' / 'evaluation.json'}, but must be another file "
+                "than those that are read."
+            ),
         ),
         (
             [*given, "--marl-eval", str(tmp_path / "out" / "marl.json")],
-            f"--marl-eval is {tmp_path / 'out' / 'marl.json'}, but must not lie in the new folder "
-            f"{tmp_path / 'out'}.",
+            (
+                f"--marl-eval is {tmp_path / 'out' / 'marl.json'}, but must not lie in the new folder "
+                f"{tmp_path / 'out'}."
+            ),
         ),
         ([*given, "--baseline", "lane"], '--baseline: no run is of "lane": did you mean lanes?'),
         (
