@@ -154,8 +154,8 @@ def test_wrong_input_is_a_sentence_and_leaves_nothing(given, tmp_path, capsys):
         (
             [*given, "--marl-eval", str(tmp_path / "runs" / "iql+s-0" / "evaluation.json")],
             (
-                f"--marl-eval is {tmp_path / 'runs' / 'iql+s-0' / 'evaluation.json'}, but must be another file "
-                "than those that are read."
+                f"--marl-eval is {tmp_path / 'runs' / 'iql+s-0' / 'evaluation.json'}, but must be another "
+                "file than those that are read."
             ),
         ),
         (
