@@ -33,7 +33,7 @@ from robosim.cli.sweep import Sweep
 from robosim.cli.technique import Technique
 from robosim.cli.train import Train, train_command
 from robosim.cli.view import View
-from robosim.errors import IncompleteError, InputError, nearest_names, printable
+from robosim.errors import IncompleteError, InputError, nearest_names, printable, shown
 
 DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play back.
 
@@ -191,6 +191,10 @@ def usage_sentence(box: str, arguments: Sequence[str]) -> str:
         return f"{command.removeprefix('robosim ')} needs one of {choices[1]}; see {command} --help."
     if missing := re.match(r"Missing from (robosim[\w ]+): (?:[A-Z]+ )?(.+?)\.? \(required\)", sentence):
         return f"{missing[1].removeprefix('robosim ')} needs more: {missing[2]}; see {missing[1]} --help."
+    number = r"Error parsing (--[\w-]+): no type matching \{None\}\|(INT|FLOAT) could be .+ from \['(.*)'\]"
+    if wrong := re.match(number, sentence):
+        allowed = "a whole number" if wrong[2] == "INT" else "a number"
+        return f"{wrong[1]} is {shown(wrong[3])}, but must be {allowed}; see {command} --help."
     meant = re.search(r"Perhaps you meant:\s+(--[\w-]+)", box.replace("│", ""))
     if meant:
         sentence += f"; did you mean {meant.group(1)}?"

@@ -60,16 +60,19 @@ class Sweep:
             raise InputError("--address names a Ray cluster: it needs --engine ray.")
         if self.json and not self.dry_run:
             raise InputError("--json prints the list of runs: it needs --dry-run.")
-        plan = read_sweep(self.file)
+        whole = plan = read_sweep(self.file)
         if self.only is not None:
-            plan = plan.only(self.only)
+            plan = whole.only(self.only)
         results = self.results or self.file.with_suffix(".results.jsonl")
+        known = read_results(results)
+        # Runs that are left out now tell, too, how long the others take.
+        done = {job.key: known[job.key] for job in whole.jobs if job.key in known}
         if self.dry_run:
-            self._show(plan, read_results(results))
+            self._show(plan, done)
         else:
-            self._work_off(plan, results)
+            self._work_off(plan, results, done)
 
-    def _work_off(self, plan: sweep.Sweep, results: Path) -> None:
+    def _work_off(self, plan: sweep.Sweep, results: Path, done: Mapping[str, Result]) -> None:
         from robosim.errors import IncompleteError
         from robosim.experiments.display import Display
         from robosim.experiments.runner import run_jobs
@@ -77,17 +80,18 @@ class Sweep:
 
         out = self.out or Path("runs") / f"sweep-{self.file.stem}"
         labels = {run.job.key: run.label for run in plan.runs if run.job is not None}
+        others = [result for key, result in done.items() if key not in labels]
         engine = self._engine()
         try:
-            with Display(labels, plan.jobs) as display:
+            with Display(labels, plan.jobs, others=others) as display:
                 summary = run_jobs(
                     plan.jobs, work_off, out.absolute(), results, engine, display, self.keep_runs
                 )
         except KeyboardInterrupt:
             print(f"Stopped; go on with: {hint(*sys.argv[1:])}")
             raise
-        done = len(plan.jobs) - len(summary.failures)
-        print(f"{_counted(done, 'run')} done, {_skipped(plan)} skipped; results in {results}")
+        count = len(plan.jobs) - len(summary.failures)
+        print(f"{_counted(count, 'run')} done, {_skipped(plan)} skipped; results in {results}")
         for failure in summary.failures:
             print(f"{without_controls(labels[failure.job.key])}: {_lines(failure.reason)}", file=sys.stderr)
         if summary.failures:
@@ -108,12 +112,15 @@ class Sweep:
     def _local_workers(self) -> int:
         return self.workers or len(os.sched_getaffinity(0))
 
-    def _show(self, plan: sweep.Sweep, results: dict[str, Result]) -> None:
-        """Print each run with what is to be done about it, how many there are, and how long they take."""
+    def _show(self, plan: sweep.Sweep, done: Mapping[str, Result]) -> None:
+        """Print each run with what is to be done about it, how many there are, and how long they take.
+
+        `done` are records of the whole sweep, by which the rest is judged.
+        """
         from robosim.experiments.forecast import Forecast
         from robosim.learning.progress import clock
 
-        states = [_state(run, results) for run in plan.runs]
+        states = [_state(run, done) for run in plan.runs]
         if self.json:
             print_json([_record(run, state) for run, state in zip(plan.runs, states, strict=True)])
             return
@@ -121,9 +128,8 @@ class Sweep:
             print(without_controls(f"{state:<8} {run.label}{f': {run.skip}' if run.skip else ''}"))
         counts = Counter(states)
         print(", ".join(f"{counts[state]} {state}" for state in ("done", "to do", "skipped")))
-        done = [results[job.key] for job in plan.jobs if job.key in results]
-        waiting = [job.config for job in plan.jobs if job.key not in results]
-        seconds = Forecast(done).left(waiting, [], self._local_workers)
+        waiting = [job.config for job in plan.jobs if job.key not in done]
+        seconds = Forecast(done.values()).left(waiting, [], self._local_workers)
         if seconds is None:
             print("no run is done yet that would tell how long the rest takes")
         elif waiting:

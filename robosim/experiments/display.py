@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
@@ -32,16 +32,20 @@ class Display(Watch):
     """Shows how the jobs of a sweep come along; to be used in a `with` block."""
 
     def __init__(
-        self, labels: Mapping[str, str], jobs: Sequence[Job], console: Console | None = None
+        self,
+        labels: Mapping[str, str],
+        jobs: Sequence[Job],
+        console: Console | None = None,
+        others: Iterable[Result] = (),
     ) -> None:
-        """`labels` name the jobs by their keys."""
+        """`labels` name the jobs by their keys; `others` are records that tell how long such jobs take."""
         self._console = console or Console()
         self._labels = labels
         self._waiting = {job.key: job for job in jobs}
         self._total = len(self._waiting)
         self._running: dict[str, _AtWork] = {}
         self._jobs = dict(self._waiting)
-        self._forecast = Forecast()
+        self._forecast = Forecast(others)
         self._workers = 1
         self._failed = 0
         self._bars: Progress | None = None

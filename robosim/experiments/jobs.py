@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
+import contextlib
 import json
+import os
+import shutil
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from robosim.errors import InputError
+from robosim.experiments.keys import key_of
 from robosim.experiments.results import Result, this_machine
 from robosim.files import alone_in, write_whole
 
@@ -29,8 +32,8 @@ class Job:
 
     @cached_property
     def key(self) -> str:
-        """SHA-256 of the configuration's canonical JSON: the same for equal ones, in any order of names."""
-        return hashlib.sha256(canonical(self.config).encode()).hexdigest()
+        """What `key_of` makes of the configuration."""
+        return key_of(self.config)
 
     def folder(self, root: Path) -> Path:
         """Return the job's folder among those of all jobs."""
@@ -70,24 +73,13 @@ def ignore(_done: float) -> None:
     """Report nothing."""
 
 
-def canonical(config: Mapping[str, Any]) -> str:
-    """Return JSON that is the same for equal configurations; InputError for what JSON cannot hold."""
-    try:
-        return json.dumps(config, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"a job's configuration must be numbers, texts, lists and tables: {error}."
-        ) from None
-
-
 def run_job(job: Job, work: Work, root: Path, report: Report = ignore, patience: float = 0.0) -> Result:
     """Work a job off, or go on with it, in its folder below `root`, and return its record.
 
     InputError when another process is at it, and still is after `patience` (s).
     """
     folder = job.folder(root)
-    (folder / WORK_FOLDER).mkdir(parents=True, exist_ok=True)
-    with alone_in(folder, patience):
+    with _alone(folder, patience):
         write_whole(folder / CONFIG_FILE, json.dumps(job.config, indent=2) + "\n")
         outcome = work(job.config, folder / WORK_FOLDER, report)
     return Result(
@@ -111,6 +103,35 @@ def attempt_job(
         return Failure(job, str(error))
     except Exception:  # noqa: BLE001 - whatever it is, the other jobs go on
         return Failure(job, traceback.format_exc())
+
+
+def remove_folder(job: Job, root: Path) -> None:
+    """Remove a job's folder below `root`, if there is one and no other process is at work in it."""
+    folder = job.folder(root)
+    # Its name changes at once, while it is held: whoever comes next finds a whole folder or none.
+    gone = folder.with_name(f".{folder.name}.{os.getpid()}.gone")
+    with contextlib.suppress(InputError, OSError), alone_in(folder):
+        folder.rename(gone)
+    shutil.rmtree(gone, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _alone(folder: Path, patience: float) -> Iterator[None]:
+    """Make a job's folder and hold it; errors as in `alone_in`."""
+    while True:
+        folder.mkdir(parents=True, exist_ok=True)
+        with contextlib.ExitStack() as stack:
+            try:
+                before = folder.stat()
+                stack.enter_context(alone_in(folder, patience))
+                same = os.path.samestat(before, folder.stat())
+            except FileNotFoundError:
+                same = False
+            # Else another process has removed it meanwhile, and what is held is no longer there.
+            if same:
+                (folder / WORK_FOLDER).mkdir(exist_ok=True)
+                yield
+                return
 
 
 def _rounded(rows: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:

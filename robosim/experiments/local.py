@@ -9,7 +9,7 @@ import pickle
 import signal
 import sys
 import threading
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
@@ -54,17 +54,19 @@ class LocalEngine:
         self.workers = workers
 
     def run(
-        self, jobs: Sequence[Job], work: Work, root: Path, watch: Watch
+        self, jobs: Iterable[Job], work: Work, root: Path, watch: Watch
     ) -> Generator[Result | Failure, None, None]:
         """Yield what comes of each job; those at work are asked to end by SIGTERM."""
-        waiting, running = list(reversed(jobs)), list[_Running]()
+        waiting, running = iter(jobs), list[_Running]()
         try:
-            while waiting or running:
-                while waiting and len(running) < self.workers:
-                    watch.begun(waiting[-1])
+            while True:
+                while len(running) < self.workers and (job := next(waiting, None)):
+                    watch.begun(job)
                     # A job that is left between its start and the list would be asked to end by nobody.
                     with _interrupts_wait():
-                        running.append(_start(waiting.pop(), work, root))
+                        running.append(_start(job, work, root))
+                if not running:
+                    return
                 answered = wait([one.answer for one in running], timeout=_LOOK)
                 for one in [one for one in running if one.answer in answered]:
                     answer = _answer(one)

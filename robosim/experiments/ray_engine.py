@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
+import math
 import os
 import socket
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,22 +46,27 @@ class RayEngine:
         self._workers = workers
 
     def run(
-        self, jobs: Sequence[Job], work: Work, root: Path, watch: Watch
+        self, jobs: Iterable[Job], work: Work, root: Path, watch: Watch
     ) -> Generator[Result | Failure, None, None]:
         """Yield what comes of each job; those at work are asked to end by KeyboardInterrupt."""
-        if not jobs:
+        waiting = iter(jobs)
+        first = next(waiting, None)
+        if first is None:
             return
+        waiting = itertools.chain([first], waiting)
         with _connected(self._address, self._workers):
             board = _make_board()
             # A process for each job, as of the local engine: nothing of one is left to the next.
             attempt = ray.remote(num_cpus=1, max_retries=_TRIES, max_calls=1)(_attempt)
-            waiting, running = list(reversed(jobs)), dict[Any, Job]()
-            limit = self._workers or len(jobs)
+            running = dict[Any, Job]()
+            # Without a limit all are handed over at once, so that a cluster can grow with them.
+            limit = self._workers or math.inf
             try:
-                while waiting or running:
-                    while waiting and len(running) < limit:
-                        job = waiting.pop()
+                while True:
+                    while len(running) < limit and (job := next(waiting, None)):
                         running[attempt.remote(job, work, root, board)] = job
+                    if not running:
+                        return
                     ended, _ = ray.wait(list(running), timeout=_LOOK)
                     _pass_on(board, {job.key: job for job in running.values()}, watch)
                     for task in ended:

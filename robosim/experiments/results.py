@@ -6,7 +6,7 @@ import json
 import math
 import platform
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -16,10 +16,15 @@ from typing import Any
 
 import robosim
 from robosim.errors import InputError, printable, shown
+from robosim.experiments.keys import key_of
 from robosim.files import append_line
 from robosim.texts import parse_json, read_text
 
 _TEXT = re.compile(r'"(?:[^"\\]|\\.)*(?:"|$)')
+_BEGIN = re.compile(r'\{\s*"key"\s*:\s*"[0-9a-f]{64}"')
+"""How a record begins."""
+_MOST_PARTS = 100
+"""Records, whole or cut, in one line."""
 _MOST_BYTES = 1_000_000_000
 """Of a file of results."""
 _WHOLE = 10**15
@@ -62,26 +67,75 @@ def _short(number: float) -> float | int:
 def read_results(path: Path) -> dict[str, Result]:
     """Return the results in a file by key, the latest of each; none if there is no file.
 
-    A line that a kill cut short counts for nothing. InputError for any other line that is no result.
+    A record that a kill cut short counts for nothing, and neither do blank lines. InputError for any other
+    line that is no result, and for a record whose configuration is not that of its key.
     """
-    try:
-        lines = read_text(path, _MOST_BYTES, "results file").splitlines() if path.exists() else []
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}.") from None
-    results: dict[str, Result] = {}
-    for number, line in enumerate(lines, 1):
+    return ResultsFile(path).read()
+
+
+class ResultsFile:
+    """A file of results that is read on while several processes append to it."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._found: dict[str, Result] = {}
+        self._end = self._lines = 0
+        """Characters and whole lines that have been read."""
+
+    def read(self) -> dict[str, Result]:
+        """Return the results as `read_results` does; only lines that are new since the last call are read."""
         try:
-            table = parse_json(line)
-            if not isinstance(table, dict):
-                raise TypeError("it is no table")
-            result = _result(**table)
-            results[result.key] = result
-        except (TypeError, ValueError, AttributeError, OverflowError) as error:
-            if isinstance(error, json.JSONDecodeError) and _is_cut(line):
-                continue
-            reason = printable(str(error), 200)
-            raise InputError(f"{path}: line {number} is no result ({reason}).") from None
-    return results
+            there = self._path.exists()
+        except OSError as error:
+            raise InputError(f"{self._path}: cannot be read: {error.strerror or error}.") from None
+        text = read_text(self._path, _MOST_BYTES, "results file") if there else ""
+        if len(text) < self._end:
+            # Another file has taken its place.
+            self._found, self._end, self._lines = {}, 0, 0
+        lines = text[self._end :].split("\n")
+        for number, line in enumerate(lines, self._lines + 1):
+            self._take(line, number)
+        # The last one has no end yet, and may go on.
+        self._end, self._lines = len(text) - len(lines[-1]), self._lines + len(lines) - 1
+        return dict(self._found)
+
+    def _take(self, line: str, number: int) -> None:
+        try:
+            for table in _tables(line):
+                if not isinstance(table, dict):
+                    raise TypeError("it is no table")
+                result = _result(**table)
+                self._found[result.key] = result
+        except (TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
+            reason = printable(str(error), 200).rstrip(".")
+            raise InputError(f"{self._path}: line {number} is no result ({reason}).") from None
+
+
+def _tables(line: str) -> Iterator[Any]:
+    """Yield what a line holds: one table as a rule, none if it is blank or cut short by a kill.
+
+    Where files are put together and one ends in a line that a kill cut short, the next one's first record
+    stands behind what is left of it.
+    """
+    rest = line.strip()
+    for _ in range(_MOST_PARTS):
+        if not rest:
+            return
+        try:
+            yield parse_json(rest)
+            return
+        except json.JSONDecodeError as error:
+            if error.msg == "Extra data" and _BEGIN.match(rest, error.pos):
+                # Only the end of its line was missing.
+                end = error.pos
+                yield parse_json(rest[:end])
+            else:
+                following = _BEGIN.search(rest, 1)
+                end = following.start() if following else len(rest)
+                if not _is_cut(rest[:end]):
+                    raise
+        rest = rest[end:]
+    raise ValueError(f"it holds more than {_MOST_PARTS} records")
 
 
 def _is_cut(line: str) -> bool:
@@ -100,6 +154,8 @@ def _result(
     for name, kind in (kinds | {"evaluation_time": (int, float)}).items():
         if not isinstance(getattr(result, name), kind):
             raise TypeError(f"{name} is {shown(getattr(result, name))}")
+    if result.key != key_of(result.config):
+        raise ValueError("its key is not the SHA-256 of its config, so one of them is damaged")
     return result
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Generator, Sequence
-from contextlib import closing
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from robosim.errors import InputError
-from robosim.experiments.jobs import Failure, Job, Work
-from robosim.experiments.results import Result, append_result, read_results
+from robosim.experiments.jobs import Failure, Job, Outcome, Report, Work, remove_folder
+from robosim.experiments.keys import key_of
+from robosim.experiments.results import Result, ResultsFile, append_result, read_results
 from robosim.files import require_writable
 
 
@@ -28,17 +29,18 @@ class Watch:
         """Hear which share of a running job is done, 0 to 1."""
 
     def ended(self, job: Job, outcome: Result | Failure) -> None:
-        """Hear that a job has ended, well or not."""
+        """Hear that a job has ended, well or not; or that another process has done it meanwhile."""
 
 
 class Engine(Protocol):
     """Works off jobs somewhere, some at a time."""
 
     def run(
-        self, jobs: Sequence[Job], work: Work, root: Path, watch: Watch
+        self, jobs: Iterable[Job], work: Work, root: Path, watch: Watch
     ) -> Generator[Result | Failure, None, None]:
         """Yield what comes of each job, once, in whatever order they end.
 
+        The next job is asked for only once there is room for it: which one that is may change until then.
         Each is worked off in its folder below `root`. Closed or interrupted, those at work are asked to save
         and to end, and are waited for; a second interrupt does not wait.
         """
@@ -66,31 +68,70 @@ def run_jobs(
     """Work off all jobs that have no result yet, and return what came of all.
 
     Each job has a folder below `root`, in which it goes on, and adds a line to `results` once it is done;
-    then its folder is removed, unless they are to be kept. One that fails stops no other. Interrupted,
-    KeyboardInterrupt is raised once the jobs at work have saved; the next call goes on.
+    then its folder is removed, unless they are to be kept. Several processes may work off the same jobs:
+    what another has recorded meanwhile is not done again, and one at which another is at work fails. One that
+    fails stops no other. Interrupted, KeyboardInterrupt is raised once the jobs at work have saved; the next
+    call goes on.
 
     `work` must be importable by name, and a script that calls this guarded by `__name__ == "__main__"`.
     """
     require_writable(results)
-    done = read_results(results)
+    file = ResultsFile(results)
+    done = file.read()
     try:
         root.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{root}: no folder can be made here: {error.strerror or error}.") from None
     every = {job.key: job for job in jobs}
-    waiting = [job for key, job in every.items() if key not in done]
     watch = watch or Watch()
-    watch.known([done[key] for key in every if key in done])
+    before = [done[key] for key in every if key in done]
+    watch.known(before)
     failures: list[Failure] = []
-    with closing(engine.run(waiting, work, root, watch)) as outcomes:
+
+    def waiting() -> Iterator[Job]:
+        wanted = every.keys() - {result.key for result in before}
+        for key, job in every.items():
+            if key not in wanted:
+                continue
+            done.update(_more(file))
+            if key in done:
+                watch.ended(job, done[key])
+            else:
+                yield job
+
+    once = partial(_unless_recorded, work, results.absolute())
+    with closing(engine.run(waiting(), once, root, watch)) as outcomes:
         for outcome in outcomes:
             if isinstance(outcome, Failure):
                 failures.append(outcome)
                 watch.ended(outcome.job, outcome)
                 continue
-            append_result(results, outcome)
-            done[outcome.key] = outcome
-            watch.ended(every[outcome.key], outcome)
+            done.update(_more(file))
+            if outcome.key not in done:
+                append_result(results, outcome)
+                done[outcome.key] = outcome
+            watch.ended(every[outcome.key], done[outcome.key])
             if not keep:
-                shutil.rmtree(every[outcome.key].folder(root), ignore_errors=True)
+                remove_folder(every[outcome.key], root)
+    if failures:
+        # Such as those at which another process was at work, if it has done them since.
+        done.update(_more(file))
+        failures = [failure for failure in failures if failure.job.key not in done]
     return Summary([done.get(job.key) for job in jobs], failures)
+
+
+def _unless_recorded(
+    work: Work, results: Path, config: Mapping[str, Any], folder: Path, report: Report
+) -> Outcome:
+    """Work a job off, while its folder is held, unless a process that held it before has recorded it."""
+    with suppress(InputError):
+        if found := read_results(results).get(key_of(config)):
+            return Outcome(found.figures, found.wall_time, found.series, found.evaluation_time)
+    return work(config, folder, report)
+
+
+def _more(file: ResultsFile) -> dict[str, Result]:
+    """Return the results in a file; none where somebody has damaged it, which must not stop those at work."""
+    with suppress(InputError):
+        return file.read()
+    return {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,21 +16,21 @@ from robosim.arena import arena_names, load_arena
 from robosim.control.controller import SCRIPTED
 from robosim.control.network import DRAWING
 from robosim.envs.config import EnvConfig
+from robosim.envs.profile import profile_text
 from robosim.errors import InputError, nearest_names, refused, shown
 from robosim.experiments.jobs import Job
+from robosim.experiments.options import OptionCheck
 from robosim.experiments.team import POLICY, Measuring, env_of_policy, learning_job, measuring_job
-from robosim.learning.algorithms.registry import algorithm_names, find_algorithm
 from robosim.learning.config import (
     DEFAULT_TECHNIQUE,
     TRAINING_ENV,
-    RunConfig,
     RunSettings,
     run_config,
     self_contained,
 )
 from robosim.learning.technique import TECHNIQUES, find_technique
 from robosim.records import Many, Record, sentence
-from robosim.texts import read_toml
+from robosim.texts import parse_toml, read_toml
 
 MOST_RUNS = 10_000
 _MOST_VALUES = 1000
@@ -38,6 +39,11 @@ _TECHNIQUE = "technique"
 _SEED = "seed"
 _SCALAR = "a number, a text, true or false"
 _VALUE = f"{_SCALAR}, or a list of them"
+_QUOTED = """"[^"]*"|'[^']*'"""
+_PART = re.compile(
+    rf"""\s*(?P<name>[^=,]+?)\s*=\s*(?P<value>\[(?:{_QUOTED}|[^\]"'])*\]|{_QUOTED}|[^,]*?)\s*(?:,|$)"""
+)
+"""Of `--only`: commas within a list or a text part nothing."""
 
 
 class _Table(BaseModel):
@@ -119,26 +125,25 @@ class Sweep:
     def only(self, text: str) -> Sweep:
         """Return the runs with certain values: `technique=smadrl,robots=4,robots=8`.
 
-        Values of the same name are alternatives. InputError for a name or a value that no run
-        has, and where no run is left.
+        Values are written as in the sweep's file, texts also without quotes; those of the same name are
+        alternatives. InputError for a name or a value that no run has, and where no run is left.
         """
-        wanted: dict[str, set[str]] = {}
-        for part in text.split(","):
-            name, equals, value = part.strip().partition("=")
-            if not equals:
-                raise InputError(f"--only is {shown(text)}, but must be NAME=VALUE, or several with commas.")
-            values = {_plain(run.options[name]) for run in self.runs if name in run.options}
-            if not values:
+        wanted: dict[str, list[Any]] = {}
+        for name, value in _named_values(text):
+            had = [run.options[name] for run in self.runs if name in run.options]
+            if not had:
                 names = {name for run in self.runs for name in run.options}
                 raise InputError(f"--only: {shown(name)} is in no run: {nearest_names(name, names)}")
-            if value not in values:
-                raise InputError(f"--only: no run has {name} {shown(value)}: {nearest_names(value, values)}")
-            wanted.setdefault(name, set()).add(value)
+            found = [one for one in _meant(value) if _among(one, had)]
+            if not found:
+                near = nearest_names(value, {_plain(one) for one in had})
+                raise InputError(f"--only: no run has {name} {shown(value)}: {near}")
+            wanted.setdefault(name, []).extend(found)
         kept = [
             run
             for run in self.runs
             if all(
-                name in run.options and _plain(run.options[name]) in values for name, values in wanted.items()
+                name in run.options and _among(run.options[name], values) for name, values in wanted.items()
             )
         ]
         if not kept:
@@ -155,10 +160,12 @@ def read_sweep(path: Path) -> Sweep:
     part of the runs.
     """
     place = str(path)
-    try:
-        file = SweepFile.model_validate(read_toml(path, _MOST_BYTES, "sweep file"))
-    except ValidationError as error:
-        raise InputError(f"{place}: {sentence(SweepFile, error)}") from None
+    file = _checked(read_toml(path, _MOST_BYTES, "sweep file"), place)
+    if file.evaluation.profile is not None:
+        try:
+            profile_text(file.evaluation.profile)
+        except InputError as error:
+            raise InputError(f"{place}: evaluation.profile: {error}") from None
     for name, values in file.vary.items():
         if not isinstance(values, list) or not 1 <= len(values) <= _MOST_VALUES:
             raise refused(f"{place}: vary.{name}", values, f"a list of 1 to {_MOST_VALUES} values")
@@ -168,10 +175,35 @@ def read_sweep(path: Path) -> Sweep:
     for name, values in file.vary.items():
         if repeated := [value for number, value in enumerate(values) if _among(value, values[:number])]:
             raise InputError(f"{place}: vary.{name} has {shown(repeated[0])} twice.")
+    for number, block in enumerate(file.where, 1):
+        for trial in _repeated(block.trials):
+            raise InputError(
+                f"{place}: where {number}: trials has {_label(trial) or 'an empty table'} twice."
+            )
     drafts = _combinations(file, place)
     for number, block in enumerate(file.where, 1):
         drafts = _after(drafts, block, f"{place}: where {number}")
     return Sweep(file.about, _built(drafts, file.evaluation, place))
+
+
+def _checked(table: Mapping[str, Any], place: str) -> SweepFile:
+    """Return what a file holds; InputError for the first mistake, with the number of its [[where]]."""
+    try:
+        return SweepFile.model_validate(table)
+    except ValidationError as error:
+        match error.errors()[0]["loc"]:
+            case ("where", int(number), *_):
+                block = table["where"][number]
+            case _:
+                raise InputError(f"{place}: {sentence(SweepFile, error)}") from None
+    place = f"{place}: where {number + 1}"
+    if not isinstance(block, Mapping):
+        raise InputError(f"{place} is {shown(block)}, but must be a table.")
+    try:
+        Where.model_validate(block)
+    except ValidationError as error:
+        raise InputError(f"{place}: {sentence(Where, error)}") from None
+    raise AssertionError("a block with a mistake has one by itself, too")
 
 
 @dataclass(frozen=True)
@@ -282,6 +314,7 @@ class _Builder:
     def __init__(self, measuring: Measuring) -> None:
         self._measuring = measuring
         self._arenas: dict[str, str] = {}
+        self._check = OptionCheck()
 
     def job(self, options: Mapping[str, Any]) -> Job:
         """Return the job; InputError for a technique, an option or a value that cannot be."""
@@ -297,7 +330,7 @@ class _Builder:
 
     def _measured(self, team: str, options: Mapping[str, Any]) -> Job:
         """Return the job that only measures: it takes the options of the environment, and the seed."""
-        _require_options(options)
+        self._check.require({name: value for name, value in options.items() if name != _TECHNIQUE})
         of_env = EnvConfig.options()
         seed = RunSettings(seed=options[_SEED]).seed
         if team.startswith(POLICY):
@@ -322,20 +355,43 @@ def _require_technique(name: str) -> None:
         raise InputError(f"unknown technique {shown(name)}: {near}") from None
 
 
-def _require_options(names: Iterable[str]) -> None:
-    """Raise InputError for what is an option of no algorithm's runs."""
-    known = {*RunConfig.options(), _TECHNIQUE, "profile"}
-    strange = [name for name in names if name not in known]
-    if strange:
-        known.update(*(find_algorithm(name).model_fields for name in algorithm_names()))
-    for name in strange:
-        if name not in known:
-            raise InputError(f"{shown(name)} is not an option: {nearest_names(name, known)}")
+def _named_values(text: str) -> Iterator[tuple[str, str]]:
+    """Yield the names and values of `--only`; InputError where there are none."""
+    place = 0
+    while place < len(text) or not place:
+        part = _PART.match(text, place)
+        if part is None:
+            raise InputError(f"--only is {shown(text)}, but must be NAME=VALUE, or several with commas.")
+        yield part["name"], part["value"]
+        place = part.end()
+
+
+def _meant(value: str) -> list[Any]:
+    """Return what may be meant by a value of `--only`: itself, and what it says in a file."""
+    try:
+        return [value, *parse_toml(f"value = {value}", "--only").values()]
+    except InputError:
+        return [value]
 
 
 def _among(value: object, others: Iterable[object]) -> bool:
     """Return whether a value is one of the others; true is no number."""
-    return any(value == other and isinstance(value, bool) == isinstance(other, bool) for other in others)
+    return any(_same(value, other) for other in others)
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_same, one, other))
+    return isinstance(one, bool) == isinstance(other, bool) and one == other
+
+
+def _repeated(tables: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Yield each table that is equal to one before it."""
+    for number, table in enumerate(tables):
+        for before in tables[:number]:
+            if table.keys() == before.keys() and all(_same(table[name], before[name]) for name in table):
+                yield table
+                break
 
 
 def _plain(value: object) -> str:

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from robosim.analysis.measure.monitor import TeamMonitor
 from robosim.arena import arena_names, load_arena
+from robosim.control.card import PolicyCard
 from robosim.control.controller import SCRIPTED, Controller, make_controller
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
@@ -19,6 +20,7 @@ from robosim.control.policy import RUN_POLICY, find_policy, read_policy, team_di
 from robosim.envs.config import MOST_STEPS, EnvConfig
 from robosim.envs.profile import LONGEST_PROFILE, profile_text
 from robosim.envs.vector import VectorEnv
+from robosim.errors import InputError, refused, shown
 from robosim.experiments.jobs import Job, Outcome, Report, ignore
 from robosim.experiments.measures import evaluation_figures, evaluation_series, learning_curve
 from robosim.learning.config import EVALUATION_SEED, RunConfig, child_seed
@@ -30,6 +32,10 @@ _SIDE_BY_SIDE = 16
 """Episodes that run at once."""
 _RUN = "run"
 _COUNTING = ("technique", "seed", *DRAWING)
+_WEIGHTS = "weights"
+_START_WEIGHTS = "start_weights"
+_FREE = ("world", "arena", "robots", "reward", "pellet_gradient", "episode_steps", "profile")
+"""Fields of the environment on which no finished policy depends: of the task, and of training alone."""
 
 
 class Measuring(Record):
@@ -47,11 +53,23 @@ def learning_job(run: RunConfig, measuring: Measuring) -> Job:
     """Return the job of a team that learns as `run` says and is then measured.
 
     Of the run's settings only these count: technique, seed, and the temperatures at which the team draws its
-    actions, if it does. The others change neither what is learned nor what the team does.
+    actions, if it does. The others change neither what is learned nor what the team does. A policy to start
+    from counts by its weights; InputError when there is none.
     """
     table = run.model_dump(mode="json", exclude_none=True)
     settings = {name: table["run"][name] for name in _COUNTING if name in table["run"]}
-    return Job(table | {"run": settings, "evaluation": _evaluation(measuring)})
+    config = table | {"run": settings, "evaluation": _evaluation(measuring)}
+    if run.schedule.start_from:
+        config[_START_WEIGHTS] = start_weights(run.schedule.start_from)
+    return Job(config)
+
+
+def start_weights(start_from: str) -> str:
+    """Return by what a job knows the policy that its training starts from; InputError when there is none."""
+    try:
+        return _known_weights(start_from)
+    except InputError as error:
+        raise InputError(f"start_from: {error}") from None
 
 
 def measuring_job(team: str, env: EnvConfig, seed: int, measuring: Measuring) -> Job:
@@ -67,13 +85,20 @@ def measuring_job(team: str, env: EnvConfig, seed: int, measuring: Measuring) ->
         "evaluation": _evaluation(measuring),
     }
     if team not in SCRIPTED:
-        config["weights"] = team_digest(find_policy(team.removeprefix(POLICY)))[:16]
+        config[_WEIGHTS] = _known_weights(team.removeprefix(POLICY))
     return Job(config)
 
 
 def env_of_policy(team: str, options: Mapping[str, Any]) -> EnvConfig:
-    """Return the environment that a policy by `policy:NAME` learned in, with another arena, world or team."""
+    """Return the environment that a policy by `policy:NAME` learned in, with another arena, world or team.
+
+    Of the other options, those that only training knows change nothing. InputError for one that contradicts
+    what the policy was trained to see and do, and when there is no such policy.
+    """
+    if not team.removeprefix(POLICY):
+        raise refused("technique", team, f"{POLICY} and the name or the folder of a policy")
     card = read_policy(find_policy(team.removeprefix(POLICY))).card
+    _require_agreement(team, card, options)
     name, arena = card.arena.name, card.env.arena
     if name in arena_names() and load_arena(name).text == arena:
         # A record need not hold the text of what everybody has.
@@ -82,20 +107,61 @@ def env_of_policy(team: str, options: Mapping[str, Any]) -> EnvConfig:
     return card.env.with_options(**{"arena": arena, **chosen})
 
 
+def _require_agreement(team: str, card: PolicyCard, options: Mapping[str, Any]) -> None:
+    """Raise InputError for the first option that is not as a policy was trained."""
+    of_env = EnvConfig.options()
+    for name, value in options.items():
+        had: Any = card.env
+        if name in of_env and of_env[name].path[0] not in _FREE:
+            for step in of_env[name].path:
+                had = getattr(had, step)
+            agrees = card.env.with_options(**{name: value}) == card.env
+        elif name in DRAWING:
+            had = getattr(card.network, name)
+            agrees = value == had
+        else:
+            continue
+        if not agrees:
+            allowed = "absent" if had is None else shown(had)
+            raise InputError(
+                f"{name} is {shown(value)}, but must be {allowed}: {shown(team)} was trained so."
+            )
+
+
+def _known_weights(policy: str) -> str:
+    """Return by what a job knows a policy that there was before; InputError unless it is whole and sound."""
+    folder = find_policy(policy)
+    read_policy(folder)
+    return team_digest(folder)[:16]
+
+
+def _require_weights(policy: str, known: str) -> None:
+    """Raise InputError unless a policy is still the one that a job means."""
+    if _known_weights(policy) != known:
+        raise InputError(
+            f"{shown(policy)} has become another policy since the sweep began: begin the sweep again."
+        )
+
+
 def work_off(config: Mapping[str, Any], folder: Path, report: Report = ignore) -> Outcome:
     """Do the job of a configuration that `learning_job` or `measuring_job` made, in its folder.
 
-    A training that an earlier call began goes on, to the same bits as if never interrupted.
+    A training that an earlier call began goes on, to the same bits as if never interrupted. InputError where
+    a policy that the job needs is no longer the one that it was made for.
     """
     measuring = Measuring.from_table(config["evaluation"], "the job's evaluation")
     seed, team = int(config["run"]["seed"]), str(config["run"]["technique"])
     if "algorithm" not in config:
         env_config = EnvConfig.from_table(config["env"], "the job's env")
+        if _WEIGHTS in config:
+            _require_weights(team.removeprefix(POLICY), str(config[_WEIGHTS]))
         controller = make_controller(team.removeprefix(POLICY))
         return _measured(controller, env_config, seed, measuring, _Shares(report, 0, env_config, measuring))
     # A part that the job does not name is one that it does without.
     parts = {name: part for name, part in config.items() if name in RunConfig.model_fields}
     run = RunConfig.from_table(parts, "the job")
+    if _START_WEIGHTS in config:
+        _require_weights(run.schedule.start_from, str(config[_START_WEIGHTS]))
     shares = _Shares(report, run.schedule.steps, run.env, measuring)
     wall_time, curve = _learn(run, folder / _RUN, shares)
     controller = LearnedController(read_policy(folder / _RUN / RUN_POLICY), str(folder / _RUN))

@@ -109,6 +109,7 @@ def test_runs_under_a_profile_are_told_from_those_without(given, tmp_path, capsy
 def test_names_in_results_of_strangers_cannot_steer_the_terminal(given, tmp_path, capsys):
     results, evil = tmp_path / "sweep.jsonl", "la\x1b[2J\u009b31m\u202enes\r$\\bad$"
     results.write_text(results.read_text().replace('"lanes"', json.dumps(evil)))
+    made.rekey(results)
     made.result(tmp_path / "more.jsonl", "ia2c", 0, [1, 2], 4)
     made_up = made.evaluation([3, 4], controller=evil, world="physics").changed(arena=evil)
     (tmp_path / "one.json").write_text(made_up.model_dump_json())

@@ -164,6 +164,7 @@ WRONG_USAGE = pytest.mark.parametrize(
         (["train", "--robots", "0"], "env.robots is 0, but must be a whole number from 1 to 1000."),
         (["evaluate", "lanes", "--bobots", "2"], "Unrecognized options: --bobots, 2; did you mean --robots?"),
         (["train", "--seed", "x"], "Error parsing --seed: invalid literal for int() with base 10: 'x'; see"),
+        (["sweep", "a", "--workers", "x"], '--workers is "x", but must be a whole number; see robosim sweep'),
     ],
 )
 

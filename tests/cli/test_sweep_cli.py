@@ -11,6 +11,7 @@ import pytest
 from robosim.cli.main import main
 from robosim.cli.program import hint
 from robosim.experiments.results import read_results
+from robosim.experiments.sweep import read_sweep
 
 MIXED = """
 [options]
@@ -111,6 +112,13 @@ def test_a_run_that_cannot_be_done_is_said_and_the_others_are_done_and_not_done_
     assert listed[7].startswith("about 0:")
     assert listed[7].endswith(" by the 3 runs done")
 
+    # What is left out now tells, too, how long the rest takes.
+    assert main(["sweep", str(sweep), "--dry-run", "--only", "robots=900,technique=active"]) == 0
+    listed = capsys.readouterr().out.splitlines()
+    assert listed[:2] == ["to do    technique=active robots=900", "0 done, 1 to do, 0 skipped"]
+    assert listed[2].startswith("about 0:")
+    assert listed[2].endswith(" by the 3 runs done")
+
     # Without its line a run is done again, to the same numbers; --only leaves the others alone.
     lanes = next(line for line in lines if '"lanes"' in line and '"robots":3' in line)
     (folder / "mixed.results.jsonl").write_text("\n".join(line for line in lines if line != lanes) + "\n")
@@ -169,6 +177,7 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(tmp_path, capsys):
     [
         (["--workers", "0"], "--workers is 0, but must be a whole number from 1 to 4096."),
         (["--address", "auto"], "--address names a Ray cluster: it needs --engine ray."),
+        (["--workers", "x"], '--workers is "x", but must be a whole number; see robosim sweep --help.'),
         (["--only", "robot=2"], '--only: "robot" is in no run: did you mean robots?'),
     ],
 )
@@ -176,6 +185,19 @@ def test_a_wrong_option_is_a_sentence(sweep, capsys, options, sentence):
     assert main(["sweep", str(sweep), *options]) == 2
     assert capsys.readouterr().err == f"robosim: {sentence}\n"
     assert [path.name for path in sweep.parent.iterdir()] == ["mixed.toml"]
+
+
+def test_a_damaged_record_is_a_sentence(sweep, capsys):
+    results = sweep.parent / "mixed.results.jsonl"
+    key = read_sweep(sweep).jobs[0].key
+    results.write_text(f'{{"key":"{key}","config":{{}},"figures":{{}},"wall_time":1,"machine":{{}}}}\n')
+    for more in (["--dry-run"], []):
+        assert main(["sweep", str(sweep), "--out", str(sweep.parent / "runs"), *more]) == 2
+        assert capsys.readouterr().err == (
+            f"robosim: {results}: line 1 is no result (its key is not the SHA-256 of its config, "
+            "so one of them is damaged).\n"
+        )
+    assert not (sweep.parent / "runs").exists()
 
 
 def test_without_ray_a_sentence_says_what_to_install(sweep, capsys, monkeypatch):

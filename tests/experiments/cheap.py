@@ -9,6 +9,7 @@ from pathlib import Path
 from robosim.errors import InputError
 from robosim.experiments.jobs import Job, Outcome
 from robosim.experiments.local import LocalEngine
+from robosim.experiments.results import Result, append_result, read_results
 from robosim.experiments.runner import run_jobs
 
 
@@ -40,6 +41,26 @@ def misbehave(config, folder, report):
     if calls == 1 and how == "unsent":
         return Outcome({"figure": ["no number"]}, 0.0)
     return Outcome({"calls": [calls]}, 0.0)
+
+
+def overtaken(config, folder, report):
+    """Record the next job's result, as another sweep of the same jobs would do; then do as usual."""
+    other, results = Job({**config, "x": config["x"] + 1}), Path(config["results"])
+    if other.key not in read_results(results):
+        append_result(results, Result(other.key, other.config, {"square": (-1.0,)}, 0.0, {}))
+    return square(config, folder, report)
+
+
+def damaging(config, folder, report):
+    """Work, and leave in the results what is none."""
+    with Path(config["results"]).open("a") as results:
+        results.write("[1]\n")
+    return square(config, folder, report)
+
+
+def slow(config, folder, report):
+    time.sleep(0.5)
+    return square(config, folder, report)
 
 
 def threads(config, folder, report):

@@ -1,9 +1,12 @@
 """Runs that were never run: folders and results as training and sweeps write them, with made-up numbers."""
 
+import json
+
 import numpy as np
 
 from robosim.control.card import Evaluation
 from robosim.envs.profile import load_profile
+from robosim.experiments.keys import key_of
 from robosim.experiments.results import Result, append_result
 from robosim.learning.config import run_config
 from robosim.learning.folder import RunFolder
@@ -64,5 +67,10 @@ def result(path, technique, seed, pellets, robots=2, learned=True, under=None, *
         table = {"env": {"robots": robots, "world": "grid", "arena": "paper"}}
     table |= {"run": {"technique": technique, "seed": seed}, "evaluation": measuring}
     figures = {"pellets": list(map(float, pellets)), "touches": [3.0] * len(pellets)}
-    key = f"{technique}-{robots}-{seed}-{sorted(options.items())}"
-    append_result(path, Result(key, table, figures, 1.0, {"processor": "x"}, series))
+    append_result(path, Result(key_of(table), table, figures, 1.0, {"processor": "x"}, series))
+
+
+def rekey(path):
+    """Give each record in a file of results that was changed the key of its configuration."""
+    records = [json.loads(line) for line in path.read_text().splitlines()]
+    path.write_text("".join(json.dumps(one | {"key": key_of(one["config"])}) + "\n" for one in records))

@@ -54,6 +54,17 @@ def test_in_a_pipe_there_is_a_line_for_each_job_that_begins_and_ends():
     ]
 
 
+def test_records_of_other_runs_tell_how_long_these_take():
+    out = io.StringIO()
+    with Display(LABELS, JOBS[1:], Console(file=out), [result(JOBS[0])]) as display:
+        display.known([])
+        display.begun(JOBS[1])
+        display.ended(JOBS[1], Failure(JOBS[1], "x is 7, but must be 8."))
+    assert out.getvalue().splitlines()[-1] == (
+        "1/3  seed=1 [bold]?[2J  failed: x is 7, but must be 8.  left 2:00"
+    )
+
+
 def test_in_a_terminal_there_is_a_bar_for_all_and_for_each_running_job():
     out = io.StringIO()
     console = Console(file=out, width=100, force_terminal=True, color_system=None)

@@ -1,14 +1,17 @@
 import hashlib
 import json
 import os
+import time
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from robosim.errors import InputError
-from robosim.experiments.jobs import Job, run_job
+from robosim.experiments.jobs import Job, remove_folder, run_job
+from robosim.experiments.keys import key_of
 from robosim.experiments.results import this_machine
+from robosim.files import alone_in
 from tests.experiments.cheap import square
 
 VALUES = st.recursive(
@@ -37,6 +40,7 @@ def test_the_key_depends_on_what_a_configuration_says_and_not_on_how_it_is_writt
 def test_keys_stay_what_they_are():
     plain = hashlib.sha256(b'{"name":"a","seed":1,"small":0.1}').hexdigest()
     assert Job({"seed": 1, "small": 0.1, "name": "a"}).key == plain
+    assert key_of({"name": "a", "seed": 1, "small": 0.1}) == plain
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), {1, 2}, object()])
@@ -80,3 +84,41 @@ def test_two_processes_never_work_off_the_same_job(tmp_path):
     assert run_job(job, meanwhile, tmp_path).figures["calls"] == (1.0,)
     assert seen == [f"{job.folder(tmp_path)}: another process is at work in this folder."]
     assert run_job(job, square, tmp_path).figures["calls"] == (2.0,)
+
+
+def test_a_folder_in_which_another_process_is_at_work_is_not_removed(tmp_path):
+    job = Job({"x": 3})
+    remove_folder(job, tmp_path)
+
+    def meanwhile(config, folder, report):
+        child = os.fork()
+        if not child:
+            remove_folder(job, tmp_path)
+            os._exit(0)
+        os.waitpid(child, 0)
+        return square(config, folder, report)
+
+    assert run_job(job, meanwhile, tmp_path).figures["calls"] == (1.0,)
+    assert run_job(job, square, tmp_path).figures["calls"] == (2.0,)
+    remove_folder(job, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_removed_while_a_job_waits_for_it_is_made_again(tmp_path):
+    job = Job({"x": 3})
+    folder = job.folder(tmp_path)
+    run_job(job, square, tmp_path)
+    # Not inherited by the child: it would hold the folder as well.
+    held, hold = os.pipe()
+    child = os.fork()
+    if not child:
+        os.read(held, 1)
+        # It holds what has been removed meanwhile, and begins anew.
+        calls = run_job(job, square, tmp_path, patience=30.0).figures["calls"]
+        os._exit(0 if calls == (1.0,) else 1)
+    with alone_in(folder):
+        os.write(hold, b"x")
+        time.sleep(0.3)
+        folder.rename(tmp_path / "gone")
+    assert os.waitpid(child, 0)[1] == 0
+    assert (folder / "work" / "calls").read_text() == "x"

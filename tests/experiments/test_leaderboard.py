@@ -9,7 +9,7 @@ from robosim.errors import InputError
 from robosim.experiments.leaderboard import committed_records, leaderboard
 from robosim.experiments.runs import Task, read_runs
 from robosim.experiments.statistics import estimate, interquartile_mean, mean
-from tests.experiments.made import evaluation, folder, result
+from tests.experiments.made import evaluation, folder, rekey, result
 
 TASK = Task("paper", "grid", 300, 2)
 
@@ -88,6 +88,7 @@ def test_a_training_of_a_strange_length_is_a_sentence(records, tmp_path):
     theirs = tmp_path / "theirs.jsonl"
     result(theirs, "pqn", 0, [5, 7], steps=400)
     theirs.write_text(theirs.read_text().replace('"steps":400', '"steps":"many"'))
+    rekey(theirs)
     with pytest.raises(
         InputError, match=r'theirs\.jsonl .*: steps is "many", but must be a whole number from'
     ):

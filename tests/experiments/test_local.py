@@ -59,6 +59,57 @@ def test_every_job_is_worked_off_once_and_its_result_is_a_line(tmp_path):
     assert len((tmp_path / "results.jsonl").read_text().splitlines()) == 4
 
 
+def test_what_another_process_has_recorded_before_a_jobs_turn_is_not_done_again(tmp_path):
+    configs = [{"x": x, "results": str(tmp_path / "results.jsonl")} for x in range(4)]
+    notes = Notes()
+    summary = run(tmp_path, configs, cheap.overtaken, watch=notes, keep=False)
+    assert [result.figures["square"][0] for result in summary.results] == [0.0, -1.0, 4.0, -1.0]
+    assert [one[0] for one in notes.heard if one[0] in ("begun", "ended")] == [
+        "begun", "ended", "ended", "begun", "ended", "ended",
+    ]  # fmt: skip
+    assert len((tmp_path / "results.jsonl").read_text().splitlines()) == 4
+    assert list((tmp_path / "jobs").iterdir()) == []
+
+
+def test_two_processes_at_the_same_jobs_record_each_once(tmp_path):
+    code = (
+        "from pathlib import Path; from robosim.experiments.jobs import Job\n"
+        "from robosim.experiments.local import LocalEngine; from robosim.experiments.runner import run_jobs\n"
+        "from tests.experiments import cheap\n"
+        "if __name__ == '__main__':\n"
+        f"    root, jobs = Path({str(tmp_path)!r}), [Job({{'x': x}}) for x in range(6)]\n"
+        "    s = run_jobs(jobs, cheap.slow, root / 'jobs', root / 'r.jsonl', LocalEngine(1), keep=False)\n"
+        "    print({failure.reason.split(': ')[1] for failure in s.failures})\n"
+    )
+    (tmp_path / "both.py").write_text(code)
+    root = Path(__file__).parents[2]
+    both = [
+        subprocess.Popen(
+            [sys.executable, tmp_path / "both.py"],
+            cwd=root,
+            env={**os.environ, "PYTHONPATH": str(root)},
+            text=True,
+            stdout=subprocess.PIPE,
+        )
+        for _ in range(2)
+    ]
+    # The last one may be at work in the other still; each is recorded once.
+    busy = "{'another process is at work in this folder.'}\n"
+    assert all(process.communicate(timeout=120)[0] in ("set()\n", busy) for process in both)
+    lines = (tmp_path / "r.jsonl").read_text().splitlines()
+    assert len(read_results(tmp_path / "r.jsonl")) == 6
+    assert len(lines) == 6
+    assert list((tmp_path / "jobs").iterdir()) == []
+
+
+def test_damage_to_the_results_stops_no_job_at_work(tmp_path):
+    configs = [{"x": x, "results": str(tmp_path / "results.jsonl")} for x in range(3)]
+    summary = run(tmp_path, configs, cheap.damaging)
+    assert [result.figures["square"][0] for result in summary.results] == [0.0, 1.0, 4.0]
+    with pytest.raises(InputError, match=r"results\.jsonl: line 1 is no result \(it is no table\)\."):
+        run(tmp_path, configs, cheap.damaging)
+
+
 def test_a_job_that_fails_stops_no_other_and_is_tried_again(tmp_path):
     configs = [{"how": how} for how in ("raise", "fine", "refuse", "killed", "exit", "unsent", "well")]
     summary = run(tmp_path, configs, cheap.misbehave, workers=2)

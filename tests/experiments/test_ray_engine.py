@@ -33,6 +33,7 @@ def importable(monkeypatch):
 
 def run(tmp_path, configs, work, engine, **options):
     jobs = [Job(config) for config in configs]
+    tmp_path.mkdir(exist_ok=True)
     return run_jobs(jobs, work, tmp_path / "jobs", tmp_path / "results.jsonl", engine, **options)
 
 

@@ -275,6 +275,8 @@ def test_a_damaged_result_is_a_sentence(tmp_path, part, name, value, sentence):
     line = json.loads(path.read_text())
     line[part][name] = value
     path.write_text(json.dumps(line))
+    made.rekey(path)
+    line = json.loads(path.read_text())
     with pytest.raises(InputError) as caught:
         read_runs([path])
     assert str(caught.value).startswith(f"{path} ({line['key'][:16]}): {sentence}")

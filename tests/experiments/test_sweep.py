@@ -1,5 +1,6 @@
 import itertools
 import re
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robosim.arena import load_arena
+from robosim.control.policy import find_policy, load_policy, save_policy
 from robosim.errors import InputError
 from robosim.experiments.sweep import read_sweep
 from robosim.experiments.team import Measuring, learning_job
@@ -38,6 +40,7 @@ skip = "it drives two"
 episodes = 2
 steps = 50
 """
+TWENTY = ", ".join(f"{{steps = {number}}}" for number in range(1, 21))
 UNMATCHED = """
 [vary]
 robots = [2, 3]
@@ -214,11 +217,11 @@ def test_keys_do_not_change_when_an_optional_part_is_left_out():
             "[evaluation]\nepisodes = 0",
             "evaluation.episodes is 0, but must be a whole number from 1 to 1000.",
         ),
-        ("[[where]]\nskip = 'no'", "where.match is missing; it must be a table of at most 100 entries."),
-        ("[[where]]\nmatch = {}", "where: there must be options, trials or skip."),
+        ("[[where]]\nskip = 'no'", "where 1: match is missing; it must be a table of at most 100 entries."),
+        ("[[where]]\nmatch = {}", "where 1: there must be options, trials or skip."),
         (
-            "[[where]]\nmatch = {}\nskip = 'no'\noptions = {steps = 1}",
-            "where: skip says that these runs are not run, so there must be neither options nor trials.",
+            "[[where]]\nmatch = {}\nskip = 'no'\n[[where]]\nmatch = {}\nskip = 'no'\noptions = {steps = 1}",
+            "where 2: skip says that these runs are not run, so there must be neither options nor trials.",
         ),
         (
             "[vary]\nrobots = [2, 3]\n[[where]]\nmatch = {robot = 2}\nskip = 'no'",
@@ -245,13 +248,41 @@ def test_keys_do_not_change_when_an_optional_part_is_left_out():
             "vary: these are 20000 runs, but there must be at most 10000.",
         ),
         (
-            f"[vary]\nseed = {list(range(900))}\n[[where]]\nmatch = {{}}\ntrials = [{'{steps = 1}, ' * 20}]",
+            f"[vary]\nseed = {list(range(900))}\n[[where]]\nmatch = {{}}\ntrials = [{TWENTY}]",
             "where 1: these are 18000 runs, but there must be at most 10000.",
         ),
         (
             '[options]\ntechnique = "policy:paper-200"',
             "options: no policy is named 'paper-200', and there is no such folder: did you mean ",
         ),
+        (
+            '[options]\ntechnique = "policy:"',
+            'options: technique is "policy:", but must be policy: and the name or the folder of a policy.',
+        ),
+        (
+            '[options]\ntechnique = "policy:paper-8"\n[vary]\nactions = ["cardinal", "wheels"]',
+            'actions=wheels: actions is "wheels", but must be "cardinal": "policy:paper-8" was trained so.',
+        ),
+        (
+            '[options]\ntechnique = "policy:paper-8"\nkeep_distance = 0.3',
+            'options: keep_distance is 0.3, but must be absent: "policy:paper-8" was trained so.',
+        ),
+        (
+            '[options]\ntechnique = "policy:paper-8"\ntemperature = 0.3',
+            'options: temperature is 0.3, but must be absent: "policy:paper-8" was trained so.',
+        ),
+        ('[options]\nstart_from = "nosuch"', "options: start_from: no policy is named 'nosuch', and "),
+        (
+            '[evaluation]\nprofile = "nosuch"',
+            "evaluation.profile: No profile is named 'nosuch': did you mean none?",
+        ),
+        ("where = 3", "where is 3, but must be a list of 0 to 1000 tables."),
+        ("where = [3]", "where 1 is 3, but must be a table."),
+        (
+            "[[where]]\nmatch = {}\ntrials = [{steps = 1, seed = 2}, {seed = 2, steps = 1}]",
+            "where 1: trials has seed=2 steps=1 twice.",
+        ),
+        ("[[where]]\nmatch = {}\ntrials = [{}, {}]", "where 1: trials has an empty table twice."),
         ('[options]\narena = "papr"', "options: No arena is named 'papr': did you mean paper"),
     ],
 )  # fmt: skip
@@ -263,6 +294,76 @@ def test_a_mistake_is_a_sentence(tmp_path, text, sentence):
     assert "\n" not in said
     if sentence.endswith((".", "?")):
         assert said == f"{tmp_path / 'sweep.toml'}: {sentence}"
+
+
+@pytest.mark.parametrize("technique", ["lanes", "policy:paper-8"])
+@pytest.mark.parametrize(
+    ("option", "sentence"),
+    [
+        ("learning_rate = nan", "algorithm: learning_rate is nan, but must be a number from 1e-08 to 1."),
+        ("learning_rate = -3", "algorithm: learning_rate is -3, but must be a number from 1e-08 to 1."),
+        ("entropy_weight = 'x'", 'algorithm: entropy_weight is "x", but must be a number from 0 to 100.'),
+        (
+            "mixer = 'x'",
+            'algorithm: mixer is "x", but must be "none" or "sum" (pqn), or "sum" or "monotonic" (qmix).',
+        ),
+        ("steps = 'many'", 'schedule.steps is "many", but must be a whole number from 1 to 10000000000.'),
+        ("num_envs = 'x'", 'schedule.num_envs is "x", but must be a whole number from 1 to 4096.'),
+        ("seed = -1", "run.seed is -1, but must be a whole number from 0 to 9223372036854775807."),
+        ("sensing_dropout = 2", "env.profile.sensing.dropout is 2, but must be a number from 0 to 1."),
+        ("profile = 'nosuch'", "No profile is named 'nosuch': did you mean none?"),
+        ("algorithm = 'x'", 'unknown algorithm "x": did you mean qmix?'),
+        ("team_sizes = [0]", "variety.team_sizes is 0, but must be a list of 1 to 1000 whole numbers from"),
+        ("arenas = ['nosuch']", "No arena is named 'nosuch': known names are"),
+        ("start_from = 'nosuch'", "start_from: no policy is named 'nosuch', and there is no such folder: "),
+    ],
+)
+def test_a_wrong_value_is_a_sentence_where_no_team_learns(tmp_path, technique, option, sentence):
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, f'[options]\ntechnique = "{technique}"\n{option}\n')
+    said = str(caught.value)
+    assert said.startswith(f"{tmp_path / 'sweep.toml'}: options: {sentence}")
+    if sentence.endswith((".", "?")):
+        assert said == f"{tmp_path / 'sweep.toml'}: options: {sentence}"
+
+
+def test_what_only_learners_take_is_nothing_to_teams_that_do_not_learn(tmp_path):
+    options = (
+        "learning_rate = 0.001\nentropy_weight = 0.1\nmixer = 'sum'\ncurriculum = true\nfirst_share = 0.5\n"
+        "profile = 'harsh'\nreward = 'local'\nstart_from = 'paper-2'\nactions = 'cardinal'\n"
+    )
+    for technique in ("lanes", "policy:paper-8"):
+        bare, full = (
+            read(tmp_path, f'[options]\ntechnique = "{technique}"\n{more}').jobs[0]
+            for more in ("actions = 'cardinal'\n", options)
+        )
+        if technique == "lanes":
+            # The environment of one that learns nothing is kept as it is asked for.
+            assert full.config["env"].pop("reward") != bare.config["env"].pop("reward")
+        assert full.config == bare.config
+
+
+def test_a_policy_to_start_from_counts_by_its_weights(tmp_path):
+    start = tmp_path / "start"
+    shutil.copytree(find_policy("paper-2"), start)
+    text = f'[options]\ntechnique = "iql"\nstart_from = "{start}"\n'
+    (before,) = read(tmp_path, text).jobs
+    assert list(before.config) == ["env", "algorithm", "schedule", "run", "evaluation", "start_weights"]
+    assert read(tmp_path, text).jobs[0].key == before.key
+    # Trained again, it is another team by the same name.
+    policy = load_policy(start)
+    weights = {name: array + 1.0 for name, array in policy.weights().items()}
+    save_policy(start, weights, policy.card)
+    (after,) = read(tmp_path, text).jobs
+    assert after.config["start_weights"] != before.config["start_weights"]
+    assert after.key != before.key
+    (start / "policy.safetensors").unlink()
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text)
+    assert str(caught.value) == (
+        f"{tmp_path / 'sweep.toml'}: options: start_from: "
+        f"{start / 'policy.safetensors'}: there is no such weights file."
+    )
 
 
 def test_a_file_that_cannot_be_read_is_a_sentence(tmp_path):
@@ -299,11 +400,20 @@ def test_only_takes_the_runs_with_these_values(tmp_path):
         "technique=lanes robots=3 seed=1",
     ]
     assert len(labels("technique=lanes,technique=smadrl,seed=0")) == 4
+    # As in the file, whatever way a number is written; commas in lists part nothing.
+    assert len(labels("learning_rate=1e-3")) == 2
+    assert labels("learning_rate=0.00030, hidden=[8,8],seed=1") == labels("hidden=[8, 8]")
+    assert len(labels("hidden=[8, 8]")) == 2
+    assert labels('technique="lanes",robots = 3') == labels("technique=lanes, robots=3")
     # Options that all runs share are there to choose by as well.
     assert labels("world=grid") == [run.label for run in sweep.runs]
     for text, sentence in (
         ("lanes", '--only is "lanes", but must be NAME=VALUE, or several with commas.'),
         ("robot=2", '--only: "robot" is in no run: did you mean robots?'),
+        ("", '--only is "", but must be NAME=VALUE, or several with commas.'),
+        ("seed=0,,robots=2", '--only is "seed=0,,robots=2", but must be NAME=VALUE, or several with commas.'),
+        ("hidden=[8]", '--only: no run has hidden "[8]": did you mean [8, 8]?'),
+        ("seed=true", '--only: no run has seed "true": known names are 0, 1.'),
         ("robots=5", '--only: no run has robots "5": known names are 2, 3.'),
         ("technique=lane", '--only: no run has technique "lane": did you mean lanes?'),
         (

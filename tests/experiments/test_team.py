@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from robosim.cli.main import main
 from robosim.control.controller import make_controller
 from robosim.control.environment import environment_for
 from robosim.control.evaluate import evaluate
-from robosim.control.policy import read_policy
+from robosim.control.policy import find_policy, load_policy, read_policy, save_policy
 from robosim.envs.config import EnvConfig
 from robosim.errors import InputError
 from robosim.experiments.jobs import ignore, run_job
@@ -142,6 +143,33 @@ def test_what_no_episode_defines_is_left_out_and_what_some_define_has_theirs(tmp
     assert "gini" not in result.figures
     assert result.figures["pellets"] == (0.0,)
     assert len(result.series["pellets_by_then"]) == 20
+
+
+def test_a_policy_that_is_replaced_meanwhile_is_not_taken_for_the_one_that_is_meant(learned, tmp_path):
+    job, _, root, _ = learned
+    start = tmp_path / "start"
+    shutil.copytree(job.folder(root) / "work" / "run" / "policy", start)
+    going_on = learning_job(TINY.with_options(start_from=str(start)), MEASURING)
+    measured = measuring_job(f"policy:{start}", TINY.env, 0, MEASURING)
+    assert going_on.config["start_weights"] == measured.config["weights"]
+    assert run_job(going_on, work_off, tmp_path / "jobs").series["learned"][-1] == 600.0
+    policy = load_policy(start)
+    save_policy(start, {name: array + 1.0 for name, array in policy.weights().items()}, policy.card)
+    for one in (going_on, measured):
+        with pytest.raises(InputError) as caught:
+            run_job(one, work_off, tmp_path / "jobs")
+        assert str(caught.value) == (
+            f'"{start}" has become another policy since the sweep began: begin the sweep again.'
+        )
+
+
+def test_a_policy_without_weights_is_a_sentence(tmp_path):
+    shutil.copytree(find_policy("paper-2"), tmp_path / "start")
+    weights = tmp_path / "start" / "policy.safetensors"
+    weights.unlink()
+    with pytest.raises(InputError) as caught:
+        measuring_job(f"policy:{tmp_path / 'start'}", EnvConfig(robots=2), 0, MEASURING)
+    assert str(caught.value) == f"{weights}: there is no such weights file."
 
 
 def test_a_trained_policy_is_measured_by_name_and_known_by_its_weights(tmp_path):
