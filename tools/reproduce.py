@@ -99,6 +99,8 @@ CURVES = ("learning-curves", "pellets", "lorenz", "team-size", "profiles", "touc
 SECTIONS = (
     Section("grid", "In the grid world", True, CURVES, (2, 4, 8), TOUCHES | WORK),
     Section("physics", "In physics", True, CURVES, (2, 4, 8), TOUCHES | WORK),
+    Section("drawn", "Actor-critics that draw their actions", False),
+    Section("drawn-physics", "Actor-critics that draw their actions, in physics", False),
     Section("smadrl", "S-MADRL that scales", False, ("learning-curves",), (), TOUCHES),
     Section("scaling", "Eight robots and one", False),
     Section("default", "Which technique by default?", False, (), (), TOUCHES),
