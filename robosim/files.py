@@ -93,6 +93,30 @@ def require_writable(path: str | Path) -> None:
         raise _cannot_be_written(path, error) from None
 
 
+def require_apart(
+    outputs: Mapping[str, Path | None], inputs: Iterable[Path], folder: Path | None = None
+) -> None:
+    """Raise InputError where one output would replace another, lie in the new `folder`, or replace an input.
+
+    `outputs` are files by the option that names each.
+    """
+    given = {option: path for option, path in outputs.items() if path is not None}
+    for option, path in given.items():
+        target = path.resolve()
+        for other in given:
+            if other != option and given[other].resolve() == target:
+                raise InputError(
+                    f"{option} and {other} are both {path}, but must be two files: one would replace the "
+                    "other."
+                )
+        for one in inputs:
+            source = one.resolve()
+            if target == source or (target.exists() and source in target.parents):
+                raise InputError(f"{option} is {path}, but must be another file than those that are read.")
+        if folder is not None and folder.resolve() in target.parents:
+            raise InputError(f"{option} is {path}, but must not lie in the new folder {folder}.")
+
+
 @contextlib.contextmanager
 def alone_in(folder: Path, patience: float = 0.0) -> Iterator[None]:
     """Hold a folder for this process; the system lets go of it when the process ends, however it ends.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from robosim.cli.tables import aligned, digits_for, require_apart, written
+from robosim.cli.tables import aligned, digits_for, written
 from robosim.errors import InputError, without_controls
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Compare:
         from robosim.experiments.comparison import compare
         from robosim.experiments.marl_eval import marl_eval_tables
         from robosim.experiments.runs import read_runs
-        from robosim.files import require_writable, write_whole
+        from robosim.files import require_apart, require_writable, write_whole
 
         if not self.runs:
             raise InputError("compare needs runs: give run folders, results of sweeps or evaluations.")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from robosim.cli.tables import aligned, markdown, require_apart, written
+from robosim.cli.tables import aligned, markdown, written
 from robosim.errors import InputError, nearest_names, shown, without_controls
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Leaderboard:
         from robosim.control.policy import CARD_FILE, find_policy, policy_names
         from robosim.experiments.leaderboard import Leaderboard as Board
         from robosim.experiments.leaderboard import committed_records, leaderboard
-        from robosim.files import require_writable, write_whole
+        from robosim.files import require_apart, require_writable, write_whole
 
         require_apart({"--json": self.json, "--into": self.into}, self.records)
         if self.json is not None:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from robosim.errors import InputError, without_controls
+from robosim.errors import without_controls
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -55,30 +54,6 @@ def written(estimate: Estimate | None, digits: int) -> str:
 def digits_for(values: Sequence[float]) -> int:
     """Return how many decimals tell such values apart: one for pellets, three for shares."""
     return 1 if max(map(abs, values), default=0.0) >= 1.0 else 3
-
-
-def require_apart(
-    outputs: Mapping[str, Path | None], inputs: Sequence[Path], folder: Path | None = None
-) -> None:
-    """Raise InputError where one output would replace another, lie in the new `folder`, or replace an input.
-
-    `outputs` are files by the option that names each.
-    """
-    given = {option: path for option, path in outputs.items() if path is not None}
-    for option, path in given.items():
-        target = path.resolve()
-        for other in given:
-            if other != option and given[other].resolve() == target:
-                raise InputError(
-                    f"{option} and {other} are both {path}, but must be two files: one would replace the "
-                    "other."
-                )
-        for one in map(Path, inputs):
-            source = one.resolve()
-            if target == source or (target.exists() and source in target.parents):
-                raise InputError(f"{option} is {path}, but must be another file than those that are read.")
-        if folder is not None and folder.resolve() in target.parents:
-            raise InputError(f"{option} is {path}, but must not lie in the new folder {folder}.")
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -84,18 +84,15 @@ def run_jobs(
         raise InputError(f"{root}: no folder can be made here: {error.strerror or error}.") from None
     every = {job.key: job for job in jobs}
     watch = watch or Watch()
-    before = [done[key] for key in every if key in done]
-    watch.known(before)
+    watch.known([done[key] for key in every if key in done])
+    left = [job for key, job in every.items() if key not in done]
     failures: list[Failure] = []
 
     def waiting() -> Iterator[Job]:
-        wanted = every.keys() - {result.key for result in before}
-        for key, job in every.items():
-            if key not in wanted:
-                continue
+        for job in left:
             done.update(_more(file))
-            if key in done:
-                watch.ended(job, done[key])
+            if job.key in done:
+                watch.ended(job, done[job.key])
             else:
                 yield job
 
