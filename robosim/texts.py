@@ -98,7 +98,8 @@ def read_text(path: Path, most: int, kind: str) -> str:
     """Return the text of a regular file of at most `most` bytes of UTF-8; errors as in `read_limited`."""
     data = read_limited(path, most, kind)
     try:
-        return data.decode("utf-8")
+        # Some editors begin a file with a mark of byte order.
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not UTF-8, as it must be in {_one(kind)}.") from None
 

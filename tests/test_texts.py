@@ -31,6 +31,12 @@ def test_a_regular_file_is_read_whole_and_through_links(tmp_path: Path) -> None:
     assert refusal(path, 99) == f"{path}: larger than 99 bytes, the most that a map may have."
 
 
+def test_a_mark_of_byte_order_is_no_part_of_a_text(tmp_path: Path) -> None:
+    path = tmp_path / "arena.toml"
+    path.write_bytes(b"\xef\xbb\xbfname = 1\n")
+    assert read_toml(path, 100, "arena file") == {"name": 1}
+
+
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)

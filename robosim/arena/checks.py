@@ -186,7 +186,14 @@ def passage_mistakes(
     cells = cells_wide(robot, cell_size)
     if passage(free, brings, takes, cells).any():
         return
-    widest = next(n for n in range(min(cells, *free.shape), 0, -1) if passage(free, brings, takes, n).any())
+    # A narrower square passes wherever a wider one does.
+    widest, too_wide = 1, min(cells, min(free.shape) + 1)
+    while too_wide - widest > 1:
+        tried = (widest + too_wide) // 2
+        if passage(free, brings, takes, tried).any():
+            widest = tried
+        else:
+            too_wide = tried
     from_, to = (_GOAL_NAMES[zone] for zone in goals)
     yield (
         f"{place}.width is {robot.width}, but must be less than {widest * cell_size:.4g} m, the width of "

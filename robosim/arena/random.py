@@ -12,7 +12,7 @@ from robosim.arena.load import load_arena
 from robosim.errors import InputError, whole_number
 
 ROOM = 32
-"""Robots that fit at the start of every random arena, at least."""
+"""Robots that fit at the start of every random arena as rigid bodies, at least; in the grid fewer may."""
 MOST_SEED = 2**63 - 1
 LONGEST = 34
 """Of a tunnel along its axis, in cells, about: three times the tunnel of `paper`."""

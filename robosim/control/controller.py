@@ -13,6 +13,7 @@ from robosim.control.lanes import LanesController
 from robosim.control.learned import LearnedController
 from robosim.control.policy import find_policy, read_policy
 from robosim.control.protocols import ActiveController, LorenzController, ReversalController
+from robosim.control.seek import require_world
 from robosim.errors import name_or_path as text_of
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ class RandomController:
         self._rngs: list[np.random.Generator] = []
 
     def reset(self, env: VectorEnv) -> None:
+        require_world(self.name, env)
         # One generator an environment, so that a batch acts as its members would alone.
         self._rngs = [
             np.random.default_rng(np.random.SeedSequence((self._seed, seed, env.episode)))

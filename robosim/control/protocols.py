@@ -8,7 +8,6 @@ has its own probability to go again. Numbers that this leaves open are ours, and
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -152,7 +151,9 @@ class _RestingController(ActiveController):
         super().reset(env)
         self._cell_time = env.arena.cell_size / env.world.travel
         shortest = float(self._costs[SOURCE][self._zones == Zone.HOME].min())
-        self._round_trip = math.ceil(2.0 * shortest * self._cell_time)
+        each = np.broadcast_to(2.0 * shortest * self._cell_time, env.robots)
+        self._round_trip = np.ceil(each).astype(np.int64)
+        """[robots] decisions."""
         # Decisions left of each robot's rest; they count in the home only, and a laden robot rests no more.
         self._rest = np.zeros((env.num_envs, env.robots), dtype=np.int64)
 
@@ -212,7 +213,7 @@ class LorenzController(_RestingController):
         super().reset(env)
         self._probability = lorenz_probabilities(env.robots)
         self._away = np.zeros((env.num_envs, env.robots), dtype=np.bool_)
-        self._rest[self._stays(~self._away)] = self._round_trip
+        self._rest = np.where(self._stays(~self._away), self._round_trip, 0)
 
     def _begins_rest(self, zone: NDArray[np.uint8], laden: Bools, distance: Floats, rested: Bools) -> Bools:
         draws = (zone == Zone.HOME) & ~laden & (self._away | rested)

@@ -26,8 +26,18 @@ SHOULDER = 0.8
 """Half-width of the strip ahead that must be clear, in robot diameters."""
 
 
+def require_world(name: str, env: VectorEnv) -> None:
+    """Raise InputError for environments in other processes: their world is not there to be looked into."""
+    if not hasattr(env, "world"):
+        raise InputError(f"{name}: looks into the world of the environments, so workers must be 1.")
+
+
 def require_cardinal(name: str, env: VectorEnv) -> None:
-    """Raise InputError if the environment's actions are not those that controller `name` drives by."""
+    """Raise InputError if the environment's actions are not those that controller `name` drives by.
+
+    Or if the environments run in other processes, where it cannot see robots and pellets.
+    """
+    require_world(name, env)
     if env.layout.actions != "cardinal":
         raise InputError(
             f"{name}: drives by cardinal actions only, "
@@ -94,9 +104,7 @@ def toward_pellets(env: VectorEnv, seekers: Bools, cell: Integers, cost: Floats)
     along = np.einsum("mac,mpc->map", direction, apart)
     across = np.abs(direction[..., 0:1] * apart[:, None, :, 1] - direction[..., 1:2] * apart[:, None, :, 0])
     sweep = 0.8 * (_of(robots, sheet.gripper_reach, env) + env.arena.pellets.radius)
-    loose = np.broadcast_to(pellets_to_take(env), (*seekers.shape, state.pellets.shape[1]))[
-        envs, robots, None
-    ]
+    loose = _of_seekers(pellets_to_take(env), envs, robots)
     there = np.where(loose & (along > 0.0) & (across < sweep[:, None, None]), along, np.inf).min(axis=2)
     # Turning costs the distance that the robot could drive in the same time.
     along_heading = direction[..., 0] * np.cos(pose[:, 2:]) + direction[..., 1] * np.sin(pose[:, 2:])
@@ -138,9 +146,7 @@ def _toward_cells_with_pellets(env: VectorEnv, seekers: Bools, cell: Integers, c
     around = cell[envs, robots][:, None] + CARDINAL_STEPS[:4]
     pellets = np.floor(state.pellets[envs] * (1.0 / env.arena.cell_size)).astype(np.int64) + 1
     apart = np.abs(around[:, :, None] - pellets[:, None]).sum(axis=3).astype(np.float64)
-    loose = np.broadcast_to(pellets_to_take(env), (*seekers.shape, state.pellets.shape[1]))[
-        envs, robots, None
-    ]
+    loose = _of_seekers(pellets_to_take(env), envs, robots)
     there = np.where(loose, apart, np.inf).min(axis=2, initial=1e3)
     heading = state.pose[envs, robots, 2, None]
     there -= 0.1 * (np.cos(heading) * CARDINAL_STEPS[:4, 0] + np.sin(heading) * CARDINAL_STEPS[:4, 1])

@@ -27,6 +27,8 @@ from robosim.robot.team import Role
 from robosim.world.state import LOOSE, Setting, WorldState
 
 COLLISION = np.uint8(Mode.COLLISION)
+LEFT = 1.0 - 1e-6
+"""Share of a cell's length at which a robot on wheel actions is no longer in place."""
 SIGHT = 2.0
 """How far to each side a robot sees a loose pellet, in cells; only the expanded encoding uses it."""
 
@@ -166,7 +168,8 @@ class DecPomdp:
             return motion.displaced_little
         position = self._seen.position
         apart = position - self._left
-        near: Bools = (apart * apart).sum(axis=-1) < self.grid.cell_size**2
+        # A cell's length itself counts as left, however the difference of two places is rounded.
+        near: Bools = (apart * apart).sum(axis=-1) < (LEFT * self.grid.cell_size) ** 2
         self._left = np.where(near[..., None], self._left, position)
         return near
 

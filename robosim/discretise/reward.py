@@ -71,7 +71,8 @@ class RewardConfig(Record):
     team that has learned hardly needs, and standing still costs."""
     touch_cost: float | None = Field(default=None, ge=0, le=_LARGEST)
     """Charged for a decision in which the robot, or the pellet it holds, touched another, whoever was under
-    way and laden or not; the paper fines only who is under way and unladen."""
+    way and laden or not; in the grid, in which its move was refused by another. The paper fines only who is
+    under way and unladen."""
     spacing: float | None = Field(default=None, gt=0, le=_LARGEST)
     """m: robots whose centres are nearer to each other than this as a decision ends are charged
     `spacing_cost`."""

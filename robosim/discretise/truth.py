@@ -55,7 +55,7 @@ class Truth:
         self.collided: Bools = np.zeros(shape, dtype=np.bool_)
         """[envs, robots] touched another robot while under way in the last decision."""
         self.blocked: Bools = np.zeros(shape, dtype=np.bool_)
-        """[envs, robots] under way, in touch with something, and hardly moved in the last decision."""
+        """[envs, robots] who was blocked in the last decision, as `encounters` says."""
         self.handed_over: Integers = np.zeros(shape, dtype=np.int64)
         """[envs, robots] pellets that excavators handed over for the first time in the last decision."""
         self.hands_over = (setting.team.role == Role.EXCAVATOR) if setting.team.role.any() else None

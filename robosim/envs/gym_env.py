@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -122,10 +123,11 @@ class ExcavationEnv(gymnasium.Env[Observation, np.int64]):
 def driver_of(others: object) -> Controller:
     """Return what drives the robots that are not the learner's: a controller, or one by its name or path.
 
-    InputError for anything else.
+    A controller is copied, for it remembers its environment, and may be handed to several. InputError for
+    anything else.
     """
     if isinstance(others, str | Path):
         return make_controller(others)
     if not (hasattr(others, "reset") and hasattr(others, "act")):
         raise refused("others", others, "a name, a path or a controller")
-    return others  # type: ignore[return-value]  # it has what a controller has
+    return copy.deepcopy(others)  # type: ignore[return-value]  # it has what a controller has

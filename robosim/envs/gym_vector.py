@@ -19,7 +19,7 @@ from robosim.envs.gym_env import driver_of
 from robosim.envs.render import Painter, checked_render_mode
 from robosim.envs.seeding import fresh_seed, require_fields
 from robosim.envs.spaces import robot_spaces
-from robosim.envs.vector import MAX_ENVS, VectorEnv, actions_in_rows, checked_actions, env_seeds
+from robosim.envs.vector import MAX_ENVS, VectorEnv, actions_in_rows, checked_actions, env_seeds, plain_seed
 from robosim.envs.workers import WorkerVectorEnv, vector_env
 from robosim.errors import InputError, refused, whole_number
 
@@ -222,6 +222,7 @@ def _batch(
 def _seeds(seed: int | Sequence[int] | None, num_envs: int) -> Sequence[int]:
     if seed is None:
         return [fresh_seed() for _ in range(num_envs)]
+    seed = plain_seed(seed)
     if isinstance(seed, int | np.integer) and not isinstance(seed, bool):
         return [int(seed) + env for env in range(num_envs)]
     if not isinstance(seed, (list, tuple, range, np.ndarray)):

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robosim.arena import load_arena
-from robosim.arena.random import random_arena
+from robosim.arena import Arena, load_arena
 from robosim.envs.config import EnvConfig, env_config
 from robosim.envs.variety import VarietyConfig, require_alike
 from robosim.envs.vector import (
@@ -22,6 +21,7 @@ from robosim.envs.vector import (
     require_snapshot,
 )
 from robosim.errors import InputError, whole_number
+from robosim.world.factory import room_in
 
 _OF_ENVS = ("terminated", "truncated")
 """Fields of a transition that are [envs]."""
@@ -58,9 +58,15 @@ class MixedVectorEnv:
         groups = num_envs // variety.envs_per_arena
         self.sizes = variety.sizes(groups, self.seeds)
         """[groups] robots in each environment of a group."""
-        first = (random_arena(variety.arena_seed),) if variety.random_arenas else ()
-        for one in (*self.variety.arenas, *first):
-            require_alike(load_arena(one), arena, max(self.sizes))
+        for one in map(load_arena, self.variety.arenas):
+            require_alike(one, arena)
+            if (room := self._room(one)) < max(self.sizes):
+                raise InputError(
+                    f"arenas: {one.name} has room for {room} robots, but must have room for "
+                    f"{max(self.sizes)}, as team_sizes says."
+                )
+        if variety.random_arenas:
+            require_alike(load_arena(variety.random(0, self._has_room)), arena)
         self.num_envs = variety.envs_per_arena * sum(self.sizes)
         """Rows of the batch: robots of all environments together."""
         sample = VectorEnv(self.config)
@@ -130,9 +136,18 @@ class MixedVectorEnv:
             observations.append(env.restore(Snapshot(seeds, episode, share)))
         return _joined(observations)
 
+    def _room(self, arena: Arena) -> int:
+        return room_in(self.config.world, arena, self.config.keep_distance)
+
+    def _has_room(self, text: str) -> bool:
+        """Whether the largest team fits a random arena: in the grid not in each, nor at a distance."""
+        if self.config.world == "physics" and self.config.keep_distance is None:
+            return True
+        return self._room(load_arena(text)) >= max(self.sizes)
+
     def _drawn(self, episode: int) -> Iterator[VectorEnv]:
         """Yield the groups of an episode."""
-        arenas = self.variety.draw(len(self.sizes), self.seeds, episode)
+        arenas = self.variety.draw(len(self.sizes), self.seeds, episode, self._has_room)
         for arena, robots in zip(arenas, self.sizes, strict=True):
             yield VectorEnv(
                 self.config,

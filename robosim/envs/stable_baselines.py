@@ -16,7 +16,7 @@ from robosim.envs.config import EnvConfig
 from robosim.envs.render import Painter, checked_render_mode
 from robosim.envs.seeding import fresh_seed, require_fields
 from robosim.envs.spaces import robot_spaces
-from robosim.envs.vector import actions_in_rows
+from robosim.envs.vector import actions_in_rows, env_seeds
 from robosim.envs.workers import WorkerVectorEnv, vector_env
 from robosim.errors import InputError
 
@@ -59,7 +59,9 @@ class ExcavationVecEnv(VecEnv):
         # One seed a row is given; an environment takes that of its first robot.
         seeds = self._seeds[:: self._batch.robots]
         if not self._begun or any(seed is not None for seed in seeds):
-            observation = self._batch.reset([fresh_seed() if seed is None else seed for seed in seeds])
+            chosen = (fresh_seed() if seed is None else seed for seed in seeds)
+            # As a single environment, of any face, begins with that seed.
+            observation = self._batch.reset([env_seeds(seed, 1)[0] for seed in chosen])
         else:
             observation = self._batch.reset()
         self._begun = True

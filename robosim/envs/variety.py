@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Self
 
 import numpy as np
@@ -13,6 +13,9 @@ from robosim.arena.random import ROOM, random_arena
 from robosim.envs.config import LONGEST_ARENA
 from robosim.errors import InputError
 from robosim.records import Many, Record
+
+LOOKED_AT = 100
+"""Random arenas in turn among which one with room is looked for; in the grid one in four has room for 32."""
 
 
 class VarietyConfig(Record):
@@ -64,8 +67,13 @@ class VarietyConfig(Record):
         # In no order: the first environments explore most, whoever is in them.
         return tuple(map(int, rng.permutation(each)))
 
-    def draw(self, groups: int, seed: Sequence[int], episode: int) -> list[str]:
-        """Return the text or name of each group's arena in an episode; equal arguments give equal arenas."""
+    def draw(
+        self, groups: int, seed: Sequence[int], episode: int, has_room: Callable[[str], bool]
+    ) -> list[str]:
+        """Return the text or name of each group's arena in an episode; equal arguments give equal arenas.
+
+        Random ones are those that `has_room` says yes to; InputError as in `random`.
+        """
         times = episode // self.redraw if self.redraw else 0
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(times,)))
         drawn = self._random_groups(groups)
@@ -75,9 +83,23 @@ class VarietyConfig(Record):
             for place in rng.permutation(len(self.arenas))
         ]
         numbers = rng.integers(self.random_arenas, size=drawn) if drawn else ()
-        chosen = [random_arena(self.arena_seed + int(number)) for number in numbers]
+        chosen = [self.random(int(number), has_room) for number in numbers]
         chosen += listed[: groups - drawn]
         return [chosen[int(place)] for place in rng.permutation(groups)]
+
+    def random(self, number: int, has_room: Callable[[str], bool]) -> str:
+        """Return the text of a random arena by its number, or of the next one after it that has room.
+
+        InputError where none of `LOOKED_AT` in turn has.
+        """
+        for later in range(LOOKED_AT):
+            text = random_arena(self.arena_seed + (number + later) % self.random_arenas)
+            if has_room(text):
+                return text
+        raise InputError(
+            f"random_arenas: none of {LOOKED_AT} in turn has room for {max(self.team_sizes)} robots, as "
+            "team_sizes says, in this world and at this keep_distance."
+        )
 
     def _random_groups(self, groups: int) -> int:
         """Return how many groups are in random arenas; a share between 0 and 1 leaves one for each kind."""
@@ -89,8 +111,8 @@ class VarietyConfig(Record):
         return min(groups - 1, max(1, round(groups * share)))
 
 
-def require_alike(arena: Arena, base: Arena, robots: int) -> None:
-    """Raise InputError unless observations mean the same in `arena` as in `base`, and a team has room."""
+def require_alike(arena: Arena, base: Arena) -> None:
+    """Raise InputError unless observations mean the same in `arena` as in `base`."""
     for what, given, wanted in (
         ("cell_size", arena.cell_size, base.cell_size),
         ("robot", arena.robot, base.robot),
@@ -102,8 +124,3 @@ def require_alike(arena: Arena, base: Arena, robots: int) -> None:
                 f"arenas: {what} of {arena.name} is {given}, but must be {wanted}, as in {base.name}: one "
                 "network is to drive in all of them."
             )
-    if robots > arena.capacity:
-        raise InputError(
-            f"arenas: {arena.name} has room for {arena.capacity} robots, but must have room for {robots}, as "
-            "team_sizes says."
-        )

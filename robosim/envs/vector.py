@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from robosim.arena import Arena
 from robosim.discretise.dec_pomdp import DecPomdp
 from robosim.discretise.noise import make_sensor
+from robosim.discretise.pheromone import CHANNELS
 from robosim.envs.config import EnvConfig, env_config
 from robosim.envs.profile import ProfileConfig
 from robosim.episodes.frame import Frame
@@ -30,7 +31,7 @@ from robosim.world.state import World
 MAX_ENVS = 4096
 MAX_SEED = 2**64 - 1
 MOST_NUMBERS = 250_000_000
-"""In the observations of a decision, of all robots and environments together."""
+"""In the observations of a decision, of all robots and environments together, and in pheromone maps."""
 SENSING = 1
 """Key of the seeds of an episode's sensors."""
 
@@ -56,7 +57,8 @@ class Transition(NamedTuple):
     collided: NDArray[np.bool_]
     """[envs, robots] touched another robot under way in this step."""
     blocked: NDArray[np.bool_]
-    """[envs, robots] under way, in touch with something, and hardly moved in this step."""
+    """[envs, robots] under way, in touch with something, and hardly moved in this step; or whose move was
+    refused in the grid, or who was held back at `keep_distance`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +119,7 @@ class VectorEnv:
         self.robots = config.robots
         self.layout = config.layout_in(arena)
         self.num_actions = self.layout.num_actions
-        self._check_memory()
+        self._check_memory(arena)
         profile = config.profile or ProfileConfig()
         self._world = make_world(
             config.world,
@@ -146,15 +148,24 @@ class VectorEnv:
         """[envs, robots] pellets that each robot handed over in the current episode."""
         self._reward = np.zeros((self.num_envs, self.robots), dtype=np.float32)
         self._busy = False
+        self._torn = False
+        """Whether a decision was broken off in its midst, by Ctrl-C or an error."""
         self._history = np.empty((0, self.num_envs, self.robots), dtype=np.uint8)
 
-    def _check_memory(self) -> None:
-        """Raise InputError for more numbers in a decision's observations than a machine should hold."""
+    def _check_memory(self, arena: Arena) -> None:
+        """Raise InputError for more numbers than a machine should hold, in observations or pheromone maps."""
         size, envs, robots = self.layout.size, self.num_envs, self.robots
         if size * envs * robots > MOST_NUMBERS:
             raise InputError(
                 f"num_envs is {envs}, but must be at most {max(1, MOST_NUMBERS // (size * robots))} with "
                 f"{robots} robots and {size} numbers in an observation (pheromone_radius says how many)."
+            )
+        radius = self.config.pheromone.radius
+        cells = len(CHANNELS) * (arena.rows + 2 * radius) * (arena.columns + 2 * radius)
+        if cells * envs > MOST_NUMBERS:
+            raise InputError(
+                f"num_envs is {envs}, but must be at most {max(1, MOST_NUMBERS // cells)} with {cells} "
+                "numbers in a map of pheromones (pheromone_radius adds a margin on every side)."
             )
 
     @property
@@ -200,7 +211,16 @@ class VectorEnv:
         finally:
             self._busy = False
 
+    def _require_whole(self, what: str) -> None:
+        """Raise InputError where a decision or the beginning of an episode was broken off in its midst."""
+        if self._torn:
+            raise InputError(
+                f"{what}: a decision was interrupted, and the environment is in its midst; call reset or "
+                "restore."
+            )
+
     def _begin(self, episode: int) -> NDArray[np.float32]:
+        self._torn = True
         self.episode = episode
         self._world.reset([np.random.SeedSequence(seed, spawn_key=(episode,)) for seed in self.seeds])
         # Of their own: whether sensors draw must not change what the world draws.
@@ -213,7 +233,9 @@ class VectorEnv:
         if len(self._history) < self.episode_steps:
             # Grows with use, for an episode may be set so long that it never ends.
             self._history = np.empty((min(self.episode_steps, 1024), self.num_envs, self.robots), np.uint8)
-        return self._dec.observe()
+        observation = self._dec.observe()
+        self._torn = False
+        return observation
 
     def step(self, actions: ArrayLike) -> Transition:
         """Advance every environment by one decision with actions [envs, robots]; see `Transition`.
@@ -228,6 +250,7 @@ class VectorEnv:
         chosen = checked_actions(actions, (self.num_envs, self.robots), self.num_actions)
         if self.episode < 0:
             raise InputError("step: no episode has begun; call reset first.")
+        self._require_whole("step")
         if self.steps_taken >= self.episode_steps:
             raise InputError(
                 f"step: the episode has ended after {self.episode_steps} decisions; "
@@ -239,6 +262,7 @@ class VectorEnv:
             grown[: self.steps_taken] = self._history
             self._history = grown
         self._history[self.steps_taken] = chosen
+        self._torn = True
         world.step(chosen, dec.gripper_commands(), dec.believed)
         self._reward = dec.update(chosen, world.state).astype(np.float32)
         self.delivered = self.delivered + world.state.deliveries
@@ -246,6 +270,7 @@ class VectorEnv:
             self.handed_over = self.handed_over + dec.truth.handed_over
         self.steps_taken += 1
         final = dec.observe()
+        self._torn = False
         # Before the next episode begins and clears them.
         delivered, reward, truth = self.delivered, self._reward, dec.truth
         collided, blocked = truth.collided, truth.blocked
@@ -256,8 +281,8 @@ class VectorEnv:
             reward,
             np.zeros(self.num_envs, dtype=np.bool_),
             np.full(self.num_envs, ended),
-            final,
-            delivered,
+            final.copy() if observation is final else final,
+            delivered.copy(),
             collided,
             blocked,
         )
@@ -295,6 +320,7 @@ class VectorEnv:
         """
         if self.episode < 0:
             raise InputError("snapshot: no episode has begun; call reset first.")
+        self._require_whole("snapshot")
         return Snapshot(self.seeds, self.episode, self._history[: self.steps_taken].copy())
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
@@ -337,6 +363,7 @@ class VectorEnv:
     def _begun(self, what: str, env: int) -> int:
         if self.episode < 0:
             raise InputError(f"{what}: no episode has begun; call reset first.")
+        self._require_whole(what)
         return whole_number(f"{what}: env", env, 0, self.num_envs - 1)
 
     def _repr_html_(self) -> str:
@@ -355,8 +382,14 @@ def require_snapshot(snapshot: object) -> None:
         raise refused("snapshot", snapshot, "what `snapshot` returned")
 
 
+def plain_seed(seed: Any) -> Any:
+    """Return the number in an array without axes, and anything else as it is."""
+    return seed.item() if isinstance(seed, np.ndarray) and seed.ndim == 0 else seed
+
+
 def env_seeds(seed: int | Sequence[int], num_envs: int) -> tuple[int, ...]:
     """Return the seed of each environment, for one number or one each; InputError for anything else."""
+    seed = plain_seed(seed)
     if not isinstance(seed, (list, tuple, range, np.ndarray)):
         root = np.random.SeedSequence(whole_number("seed", seed, 0, MAX_SEED))
         return tuple(int(one) for one in root.generate_state(num_envs, np.uint64))

@@ -224,7 +224,8 @@ class DistanceKeeper:
     A control barrier function, as the Robotarium protects its robots by (Wang 2017), each robot for itself:
     of the gap that is left, it may use up half within the control period, and must be able to brake in the
     rest of its half. Turning on the spot and backing off are always free. Between robots that know their
-    poses and obey at once, the distance holds whatever is commanded.
+    poses and obey at once, the distance holds whatever is commanded. Rigid bodies take a moment to obey, so
+    theirs may be some millimetres less.
     """
 
     def __init__(self, driver: Driver, sheet: TeamSheet, distance: float, control_period: float) -> None:
@@ -234,7 +235,7 @@ class DistanceKeeper:
         self._limit = per_wheel(sheet.max_wheel_speed)
         self._distance = distance
         self._half_period = 0.5 * control_period
-        self._acceleration = np.asarray(sheet.wheel_radius * sheet.max_wheel_acceleration)[..., None]
+        self._acceleration = np.asarray(sheet.top_acceleration)[..., None]
         self._gain = self._acceleration * control_period
         self.held_back = np.zeros(0, dtype=np.bool_)
 

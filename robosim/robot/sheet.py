@@ -55,6 +55,11 @@ class RobotSheet:
         return 2.0 * self.top_speed / self.wheel_base
 
     @property
+    def top_acceleration(self) -> float:
+        """Largest acceleration, forward or braking, that wheels and traction allow, m/s^2."""
+        return min(self.wheel_radius * self.max_wheel_acceleration, self.traction * GRAVITY)
+
+    @property
     def traction_force(self) -> float:
         """Largest force that the wheels pass to the ground, N (Coulomb)."""
         return self.traction * self.mass * GRAVITY

@@ -60,6 +60,7 @@ class SheetArrays:
     max_wheel_acceleration: Floats
     gripper_reach: Floats
     top_speed: Floats
+    top_acceleration: Floats
     top_turn_rate: Floats
     traction_force: Floats
     outer_radius: Floats

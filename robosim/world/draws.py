@@ -35,12 +35,15 @@ class Draws(EqualByValue):
     """[pellets] factors."""
 
 
-def draw_pellets(arena: Arena, rng: np.random.Generator, gradient: float) -> Integers:
+def draw_pellets(
+    arena: Arena, rng: np.random.Generator, gradient: float, clear: NDArray[np.bool_] | None = None
+) -> Integers:
     """Draw the places where pellets lie as an episode begins, as rows [count] of `arena.pellet_places`.
 
     With `gradient` 0 all places are alike. Otherwise they lie more densely toward one side of the source,
     as they do once robots have dug for long: by a factor e ** strength from side to side, in a direction
-    and of a strength up to `gradient` that are drawn first.
+    and of a strength up to `gradient` that are drawn first. Places that are not `clear` [places] are taken
+    only where the others do not suffice.
     """
     places, count = arena.pellet_places, arena.pellets.count
     if gradient == 0.0:
@@ -51,7 +54,19 @@ def draw_pellets(arena: Arena, rng: np.random.Generator, gradient: float) -> Int
         along = ((places - low) / span) @ np.array([np.cos(angle), np.sin(angle)])
         # Whoever's exponential waiting time is over first is drawn first: in proportion to the density.
         order = np.argsort(rng.exponential(size=len(places)) * np.exp(-strength * along), kind="stable")
+    if clear is not None:
+        order = np.concatenate([order[clear[order]], order[~clear[order]]])
     return np.sort(order[:count])
+
+
+def clear_of_robots(arena: Arena, pose: Floats) -> NDArray[np.bool_]:
+    """Return at which of `arena.pellet_places` no pellet would touch a robot, however it is turned.
+
+    `pose` is [robots, 3], the result [places].
+    """
+    reach = np.broadcast_to(arena.team(len(pose)).sheet.outer_radius, len(pose)) + arena.pellets.radius
+    apart = arena.pellet_places[:, None] - pose[:, :2]
+    return np.asarray((np.hypot(apart[..., 0], apart[..., 1]) >= reach).all(axis=1))
 
 
 def room_apart(arena: Arena, distance: float) -> int:
@@ -88,10 +103,13 @@ def draw_episode(
     rng: np.random.Generator,
     pellet_gradient: float = 0.0,
     keep_distance: float | None = None,
+    *,
+    bodies: bool = False,
 ) -> tuple[Draws, Floats]:
     """Draw what is random in an episode; also returns the factors of the robots' top wheel speed [robots].
 
-    Robots that keep a distance from each other (m) start at it.
+    Robots that keep a distance from each other (m) start at it. Where robots and pellets are `bodies`, none
+    lies under another.
     """
     if arena.start.poses:
         pose = np.array(arena.start.poses[:robots])
@@ -102,7 +120,7 @@ def draw_episode(
         heading = rng.uniform(-np.pi, np.pi, robots)
         pose = np.concatenate([arena.start_places[chosen], heading[:, None]], axis=1)
     count = arena.pellets.count
-    spots = draw_pellets(arena, rng, pellet_gradient)
+    spots = draw_pellets(arena, rng, pellet_gradient, clear_of_robots(arena, pose) if bodies else None)
     ranges: Randomisation = arena.randomisation
     draws = Draws(
         robot_pose=pose,

@@ -7,12 +7,25 @@ from typing import Literal, get_args
 from robosim.arena.model import Arena
 from robosim.errors import refused
 from robosim.robot.drivers import ActionKind
+from robosim.world.draws import room_apart
 from robosim.world.motion import EXACT, MotionConfig
 from robosim.world.state import World
 
 WorldKind = Literal["physics", "grid"]
 """`physics`: rigid bodies; `grid`: the paper's abstraction, one robot a cell."""
 WORLD_KINDS: tuple[WorldKind, ...] = get_args(WorldKind)
+
+
+def room_in(kind: WorldKind, arena: Arena, keep_distance: float | None = None) -> int:
+    """Return how many robots fit an arena in a world of that kind, at a distance (m) from each other if any.
+
+    InputError for an arena that has no meaning there.
+    """
+    if kind == "grid":
+        from robosim.world.grid.layout import grid_arena
+
+        return grid_arena(arena).capacity
+    return arena.capacity if keep_distance is None else room_apart(arena, keep_distance)
 
 
 def make_world(

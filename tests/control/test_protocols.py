@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+import robosim
 from robosim.arena import load_arena, parse_arena
 from robosim.arena.model import Zone
 from robosim.control.controller import make_controller
+from robosim.control.evaluate import evaluate
 from robosim.control.protocols import (
     ActiveController,
     LorenzController,
@@ -196,3 +198,26 @@ def test_any_team_gets_actions_in_range(name, robots) -> None:
     assert actions.shape == (60, 2, robots)
     assert actions.dtype == np.int64
     assert ((actions >= 0) & (actions <= 4)).all()
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_robots_of_unlike_speeds_rest_each_for_its_own_round_trip(name) -> None:
+    groups = "".join(
+        f'\n[[groups]]\nname = "{one}"\n[groups.robot]\nmax_wheel_speed = {speed}\n'
+        for one, speed in (("fast", 12.5), ("slow", 6.25))
+    )
+    env = VectorEnv(load_arena("paper").text + groups, robots=4, episode_steps=40)
+    controller = make_controller(name)
+    assert len(evaluate(controller, env, 1).totals) == 1
+    if name != "active":
+        fast, slow = controller._round_trip[:2]
+        assert slow in (2 * fast - 1, 2 * fast)
+
+
+@pytest.mark.parametrize("name", [*PROTOCOLS, "lanes", "random"])
+def test_environments_in_other_processes_are_refused_in_a_sentence(name) -> None:
+    with robosim.vector_env("paper", robots=2, num_envs=2, workers=2) as env:
+        env.reset()
+        with pytest.raises(InputError) as caught:
+            make_controller(name).reset(env)
+    assert str(caught.value) == f"{name}: looks into the world of the environments, so workers must be 1."

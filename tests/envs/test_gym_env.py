@@ -9,6 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3 import DQN
 
 import robosim
+from robosim.control.controller import make_controller
 from robosim.envs.gym_env import ExcavationEnv
 from robosim.errors import InputError
 
@@ -120,3 +121,18 @@ def test_a_wrong_seed_is_one_sentence_and_the_episode_goes_on(seed: object) -> N
 def test_others_that_are_no_controller_are_one_sentence() -> None:
     with pytest.raises(InputError, match="^others is None, but must be a name, a path or a controller"):
         ExcavationEnv("paper", others=None)  # type: ignore[arg-type]
+
+
+def test_a_controller_handed_to_several_environments_drives_each_by_itself() -> None:
+    fields = {"robots": 6, "arena": "single-lane"}
+    one = make_controller("lanes")
+    together = gymnasium.make_vec(
+        "robosim/Excavation-v0", num_envs=2, vectorization_mode="sync", others=one, **fields
+    )
+    alone = [ExcavationEnv(others="lanes", **fields) for _ in range(2)]
+    seen, _ = together.reset(seed=5)
+    own = np.stack([env.reset(seed=5 + row)[0] for row, env in enumerate(alone)])
+    for _ in range(80):
+        assert seen.tolist() == own.tolist()
+        seen = together.step(np.array([3, 3]))[0]
+        own = np.stack([env.step(np.int64(3))[0] for env in alone])

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robosim.arena import load_arena
 from robosim.arena.random import random_arena
 from robosim.envs.config import EnvConfig
 from robosim.envs.mixed import MixedVectorEnv
@@ -174,7 +175,7 @@ def test_what_does_not_fit_is_one_sentence(tmp_path: Any) -> None:
 @pytest.mark.parametrize(("share", "random"), [(0.0, 0), (0.01, 1), (0.5, 4), (0.99, 7), (1.0, 8)])
 def test_a_small_share_of_random_arenas_is_not_rounded_away(share: float, random: int) -> None:
     variety = VarietyConfig(arenas=("paper",), random_arenas=5, random_share=share)
-    drawn = variety.draw(8, (1, 2), 0)
+    drawn = variety.draw(8, (1, 2), 0, lambda text: True)
     assert len(drawn) - drawn.count("paper") == random
 
 
@@ -200,3 +201,28 @@ def test_a_wrong_variety_is_one_sentence(fields: dict[str, Any], sentence: str) 
     with pytest.raises(InputError) as caught:
         VarietyConfig(**fields)
     assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize("fields", [{"world": "grid"}, {"keep_distance": 0.15}])
+def test_random_arenas_without_room_for_the_largest_team_are_passed_over(fields: dict[str, Any]) -> None:
+    variety = VarietyConfig(random_arenas=20, team_sizes=(24,), envs_per_arena=1)
+    env = MixedVectorEnv(EnvConfig(episode_steps=1, **fields), variety, num_envs=2, seed=3)
+    env.reset()
+    drawn = set()
+    for _ in range(6):
+        drawn |= {group.arena.name for group in env.groups}
+        env.step(np.zeros((48, 1), int))
+    assert len(drawn) > 2
+    small = [random_arena(seed) for seed in range(20) if env._room(load_arena(random_arena(seed))) < 24]
+    assert small
+    assert not {load_arena(text).name for text in small} & drawn
+
+
+def test_where_no_random_arena_has_room_it_is_said_before_anything_runs() -> None:
+    variety = VarietyConfig(random_arenas=3, team_sizes=(32,), envs_per_arena=1)
+    with pytest.raises(InputError) as caught:
+        MixedVectorEnv(EnvConfig(keep_distance=0.5), variety, num_envs=1)
+    assert str(caught.value) == (
+        "random_arenas: none of 100 in turn has room for 32 robots, as team_sizes says, in this world and at "
+        "this keep_distance."
+    )

@@ -7,6 +7,7 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 import robosim
 from robosim.envs.stable_baselines import ExcavationVecEnv
+from robosim.envs.vector import VectorEnv, env_seeds
 from robosim.errors import InputError
 
 SHORT = {"robots": 2, "episode_steps": 12}
@@ -20,7 +21,7 @@ def test_the_rows_are_the_robots_of_the_batch_to_the_bit(workers):
     try:
         env.seed(4)
         seen = env.reset()
-        assert np.array_equal(seen, plain.reset([4, 6, 8]).reshape(6, -1))
+        assert np.array_equal(seen, plain.reset([env_seeds(seed, 1)[0] for seed in (4, 6, 8)]).reshape(6, -1))
         rng = np.random.default_rng(0)
         ended = 0
         for _ in range(26):
@@ -83,3 +84,10 @@ def test_wrong_input_is_a_sentence():
         env.step(np.zeros((2, 2), dtype=int))
     with pytest.raises(InputError, match="actions holds 7"):
         env.step(np.full(4, 7))
+
+
+def test_a_seed_gives_the_episode_that_it_gives_every_other_face() -> None:
+    env = ExcavationVecEnv("paper", robots=2)
+    env.seed(5)
+    rows = env.reset()
+    assert rows.tolist() == VectorEnv("paper", robots=2, seed=5).reset()[0].tolist()

@@ -1,4 +1,5 @@
 import math
+import signal
 from copy import deepcopy
 from typing import Any
 
@@ -505,3 +506,70 @@ def test_weights_and_values_of_rewards_are_options_of_every_face() -> None:
     assert paid < -10.0
     assert team._batch.config.reward == env.config.reward
     assert one._batch.config.reward == env.config.reward.changed(kind="local")
+
+
+def test_a_decision_broken_off_leaves_an_environment_that_says_so() -> None:
+    env = VectorEnv("paper", robots=8, num_envs=64, seed=3)
+    observation = env.reset()
+    stay = np.full((64, 8), 4)
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    handler = signal.signal(signal.SIGVTALRM, interrupt)
+    try:
+        # Of the processor's time; a decision of so many robots takes several times as long.
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.01)
+        with pytest.raises(KeyboardInterrupt):
+            env.step(stay)
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+        signal.signal(signal.SIGVTALRM, handler)
+    for what, call in (
+        ("step", lambda: env.step(stay)),
+        ("snapshot", env.snapshot),
+        ("frame", env.frame),
+        ("trajectory", env.trajectory),
+    ):
+        with pytest.raises(InputError) as caught:
+            call()
+        assert str(caught.value) == (
+            f"{what}: a decision was interrupted, and the environment is in its midst; call reset or restore."
+        )
+    assert env.reset(3).tolist() == observation.tolist()
+    env.step(stay)
+
+
+def test_what_a_step_returns_is_the_callers_own() -> None:
+    env = VectorEnv("paper", robots=2, num_envs=2, seed=3)
+    env.reset()
+    transition = env.step(np.full((2, 2), 4))
+    before = transition.final_observation.copy()
+    transition.observation[...] = 7.0
+    transition.final_delivered[...] = 99
+    assert transition.final_observation.tolist() == before.tolist()
+    assert not env.delivered.any()
+
+
+def test_maps_of_pheromones_too_large_for_a_machine_are_refused() -> None:
+    with pytest.raises(InputError, match=r"^num_envs is 4096, .* \d+ numbers in a map"):
+        VectorEnv("paper", robots=1, num_envs=4096, stigmergy=False, pheromone_radius=200)
+
+
+def test_on_wheels_a_robot_that_drives_from_cell_to_cell_is_never_in_place() -> None:
+    arena = load_arena("paper").text.replace(
+        "[pellets]", "[start]\nposes = [[1.05, 0.675, 0.0]]\n\n[pellets]"
+    )
+    env = VectorEnv(arena, robots=1, world="grid", actions="wheels")
+    env.reset()
+    for _ in range(12):
+        before = env.world.state.pose[0, 0, :2].copy()
+        env.step([[0]])
+        moved = np.hypot(*(env.world.state.pose[0, 0, :2] - before)) > 0.1
+        assert env.dec_pomdp.in_place[0, 0] == (0 if moved else 1)
+        assert moved
+
+
+@pytest.mark.parametrize("seed", [np.array(5), np.int64(5)])
+def test_an_array_without_axes_is_a_seed(seed) -> None:
+    assert VectorEnv("paper", seed=seed).seeds == VectorEnv("paper", seed=5).seeds

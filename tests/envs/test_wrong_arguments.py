@@ -22,7 +22,7 @@ from robosim.errors import InputError
 ARENA = load_arena("paper")
 STRANGE: list[Any] = [
     5, -1, True, 1.5, float("nan"), float("inf"), 10**400, "", "a\0b", "x" * 5000, b"x", [], [1], {}, {1: 2},
-    object(), np.zeros(3), np.float32(1), "\x1b[31m", "\ud800", complex(1), type,
+    object(), np.zeros(3), np.array(3), np.float32(1), "\x1b[31m", "\ud800", complex(1), type,
 ]  # fmt: skip
 
 

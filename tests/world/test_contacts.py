@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robosim.arena import load_arena
 from robosim.control.lanes import LanesController
 from robosim.envs.vector import VectorEnv
 from robosim.world.contacts import ContactKind, no_contacts, onsets
@@ -202,3 +203,23 @@ def test_onsets_of_chunks_are_those_of_a_plain_loop(events, cut):
     ]
     assert found == expected
     assert remembered == last
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 3])
+def test_a_touch_ends_with_the_contact_however_few_substeps_a_control_period_has(substeps) -> None:
+    period = 0.025 * substeps
+    text = load_arena("paper").text.replace(
+        "[pellets]", "[start]\nposes = [[1.5, 0.675, 0.0], [1.615, 0.675, 3.14159265]]\n\n[pellets]"
+    )
+    text += f"\n[timing]\nsubsteps = {substeps}\ncontrol_period = {period}\ndecision_period = {period}\n"
+    env = VectorEnv(text, robots=2, actions="wheels")
+    env.reset()
+    state, touches = env.world.state, 0
+    for decision in range(40):
+        touched = bool(state.touched[0].any())
+        apart = float(np.hypot(*(state.pose[0, 0, :2] - state.pose[0, 1, :2])))
+        touches += touched
+        # What was in touch when the period began may have come apart within it.
+        assert not touched or apart < env.arena.robot.length + 2.0 * 0.2 * period + 1e-3
+        env.step([[0, 0]] if decision < 20 else [[1, 1]])
+    assert touches > 0

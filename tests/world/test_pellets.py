@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from robosim.arena import load_arena
+from robosim.envs.vector import VectorEnv
 from robosim.robot.sheet import GRAVITY
 from robosim.world.draws import draw_pellets
 from robosim.world.state import Gripper, PelletStatus
@@ -295,3 +296,26 @@ def test_an_even_beginning_is_the_draw_that_it_always_was() -> None:
     order = np.random.default_rng(5).permutation(len(arena.pellet_places))
     expected = np.sort(order[: arena.pellets.count])
     assert_array_equal(draw_pellets(arena, np.random.default_rng(5), 0.0), expected)
+
+
+@pytest.mark.parametrize("start", ['zone = "floor"', "poses = [[3.5, 0.6, 0.0], [3.5, 0.9, 0.5]]"])
+def test_no_pellet_lies_under_a_robot_as_an_episode_begins(start) -> None:
+    text = load_arena("paper").text + f"\n[start]\n{start}\n"
+    arena = load_arena(text)
+    robots = min(20, arena.capacity)
+    env = VectorEnv(text, robots=robots, num_envs=20, seed=0)
+    for _ in range(2):
+        env.reset()
+        state = env.world.state
+        apart = np.hypot(*np.moveaxis(state.pose[:, :, None, :2] - state.pellets[:, None], -1, 0))
+        assert apart.min() >= arena.robot.outer_radius + arena.pellets.radius
+        assert len(np.unique(state.pellets[0], axis=0)) == arena.pellets.count
+
+
+def test_where_robots_leave_too_few_places_clear_the_others_are_taken() -> None:
+    arena = load_arena("paper")
+    clear = np.zeros(len(arena.pellet_places), dtype=np.bool_)
+    clear[:3] = True
+    drawn = draw_pellets(arena, np.random.default_rng(5), 0.0, clear)
+    assert len(set(drawn.tolist())) == arena.pellets.count
+    assert {0, 1, 2} <= set(drawn.tolist())

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from robosim.arena import load_arena
 from robosim.control.controller import make_controller
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
@@ -140,3 +141,17 @@ def test_in_the_grid_a_distance_up_to_a_cell_is_kept_by_itself_and_no_other() ->
         actions = rng.integers(0, 5, (1, 8))
         np.testing.assert_array_equal(plain.step(actions).observation, keeping.step(actions).observation)
         assert to_nearest(keeping.world.state.pose).min() >= 0.15 - 1e-9
+
+
+@pytest.mark.parametrize("traction", [0.05, 0.1, 0.6])
+def test_on_slippery_ground_robots_brake_sooner(traction) -> None:
+    """A barrier that brakes as hard as the wheels could let them come as near as 0.14 m at 0.05."""
+    poses = "[start]\nposes = [[1.5, 0.675, 0.0], [2.4, 0.675, 3.14159265]]\n\n"
+    robot = f"[robot]\ntraction = {traction}\n\n"
+    text = load_arena("paper").text.replace("[pellets]", f"{poses}{robot}[pellets]")
+    env = VectorEnv(text, robots=2, keep_distance=0.2)
+    env.reset()
+    env.world.meter()
+    for _ in range(30):
+        env.step([[3, 2]])
+    assert 0.185 < env.world.closest.min() < 0.205

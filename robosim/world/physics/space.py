@@ -78,7 +78,7 @@ class EpisodeSpace:
         self._space.sleep_time_threshold = SLEEP_AFTER
         self._space.idle_speed_threshold = REST_SPEED
         # Contacts stay listed through a whole control period, so that one look at its end sees them all.
-        self._space.collision_persistence = max(3, arena.timing.substeps)
+        self._space.collision_persistence = arena.timing.substeps
         self._substep = arena.timing.substep
         self._substeps = arena.timing.substeps
         self._controls = pymunk.Space()

@@ -176,7 +176,7 @@ class PhysicsWorld:
     def _built(self, env: int, rng: np.random.Generator) -> Bodies:
         """Draw an environment's episode and build its bodies."""
         draws, speed_factor = draw_episode(
-            self.arena, self.robots, rng, self.pellet_gradient, self._keep_distance
+            self.arena, self.robots, rng, self.pellet_gradient, self._keep_distance, bodies=True
         )
         draws = with_motion(draws, self.drawn[env])
         space = self._new_bodies(draws, self._commands[env])
