@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import lzma
 import os
 import re
 import stat
+import struct
 import time
+import tokenize
+import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
@@ -15,6 +20,23 @@ from robosim.errors import InputError, shown
 
 _STRAY = re.compile(r"\.(?P<name>.+)\.\d+(-\d+)?\.(part|probe)")
 """`.NAME.PROCESS.part`, as `whole_file` calls what it writes; some put a time behind the process."""
+
+ARCHIVE_DAMAGE = (
+    ValueError,
+    TypeError,
+    SyntaxError,
+    EOFError,
+    LookupError,
+    ArithmeticError,
+    RuntimeError,
+    MemoryError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+)
+"""What zipfile and numpy raise for an .npz file that is damaged, encrypted, or lies about its size."""
 
 _MOST_BYTES = 4_000_000_000
 """Of a file of a run."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shlex
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -89,6 +90,22 @@ class _Common:
         return policy, config, controller.arena
 
 
+def checked_speed(text: str) -> float:
+    """Return the seconds of the world in a second that --speed asks for; InputError for none."""
+    from robosim.deploy.processes.world import AS_FAST_AS_ALL_ANSWER
+    from robosim.errors import refused
+
+    if text == "max":
+        return AS_FAST_AS_ALL_ANSWER
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = 0.0
+    if not 0.01 <= speed <= 100.0:
+        raise refused("--speed", text, "a number from 0.01 to 100, or max")
+    return speed
+
+
 @dataclass(frozen=True)
 class World(_Common):
     """Play reality for a team: tell robots where they are, and move them as their processes command."""
@@ -126,7 +143,7 @@ class World(_Common):
         from robosim.errors import InputError, refused, whole_number
         from robosim.files import require_writable, write_whole
 
-        speed = self._speed()
+        speed = checked_speed(self.speed)
         whole_number("--seed", self.seed, 0, MAX_SEED)
         if self.decisions is not None:
             whole_number("--decisions", self.decisions, 1, MOST_STEPS)
@@ -168,20 +185,6 @@ class World(_Common):
         if self.json is not None:
             write_whole(self.json, json.dumps(ran._asdict(), indent=2) + "\n")
 
-    def _speed(self) -> float:
-        from robosim.deploy.processes.world import AS_FAST_AS_ALL_ANSWER
-        from robosim.errors import refused
-
-        if self.speed == "max":
-            return AS_FAST_AS_ALL_ANSWER
-        try:
-            speed = float(self.speed)
-        except ValueError:
-            speed = 0.0
-        if not 0.01 <= speed <= 100.0:
-            raise refused("--speed", self.speed, "a number from 0.01 to 100, or max")
-        return speed
-
     @contextlib.contextmanager
     def _picture(
         self, arena: Arena, robots: int, say: Callable[[str], None]
@@ -194,7 +197,7 @@ class World(_Common):
 
         about = {
             "policy": Path(self.policy).name,
-            "robots": "processes of their own",
+            "driven by": "processes of their own",
             "seed": str(self.seed),
             "engine": self.engine,
             "profile": self.profile or "none",
@@ -347,7 +350,11 @@ class Stop(_OfOperator):
     def run(self) -> None:
         with self._operator() as operator:
             robots = operator.stop(self.reason, self.patience)
-        print(f"all {robots} robots are held, and stand; they go on after: robosim deploy release")
+        release = ["release", "--world-at", self.world_at, "--team", self.team]
+        release += [] if self.keys is None else ["--keys", str(self.keys)]
+        print(
+            f"all {robots} robots are held, and stand; they go on after: robosim deploy {shlex.join(release)}"
+        )
 
 
 @dataclass(frozen=True)
@@ -381,9 +388,19 @@ class Demo:
 
     def run(self) -> None:
         from robosim.control.policy import load_policy
+        from robosim.deploy.controller import Controller
         from robosim.deploy.processes.launch import WORLD, TeamOfProcesses
+        from robosim.envs.config import MOST_STEPS
+        from robosim.envs.vector import MAX_SEED
+        from robosim.errors import whole_number
+        from robosim.playback.file import require_recording
 
-        robots = self.robots or load_policy(self.policy).robots
+        # All that a process would refuse, before any is started.
+        checked_speed(self.speed)
+        whole_number("--seed", self.seed, 0, MAX_SEED)
+        whole_number("--decisions", self.decisions, 1, MOST_STEPS)
+        require_recording(self.save)
+        robots = Controller(load_policy(self.policy), self.robots, name=Path(self.policy).name).robots
         with tempfile.TemporaryDirectory(prefix="robosim-deploy-") as folder:
             team = TeamOfProcesses(self.policy, robots, Path(folder))
             world = ["--speed", self.speed, "--decisions", str(self.decisions), "--seed", str(self.seed)]

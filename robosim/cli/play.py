@@ -169,7 +169,12 @@ class Play:
 
         with self._viewer() as viewer, self._progress(env.episode_steps, env.arena) as on_step:
             recorded = record_episode(
-                controller, env, self.save, about=self._about(), on_step=on_step, viewer=viewer
+                controller,
+                env,
+                self.save,
+                about=self._about(env.config.world),
+                on_step=on_step,
+                viewer=viewer,
             )
             trajectory = env.trajectory(policy=self.policy)
             self._save_trajectory(trajectory)
@@ -193,7 +198,7 @@ class Play:
             recorded = record_trajectory(
                 trajectory,
                 self.save,
-                about=self._about(trajectory),
+                about=self._about(trajectory.config.world, trajectory),
                 on_step=on_step,
                 viewer=viewer,
                 source=self.policy,
@@ -290,13 +295,13 @@ class Play:
             trajectory = self._load()
             with _show_progress(len(trajectory.chosen), "watching") as on_step:
                 found = watch_trajectory(trajectory, on_step=on_step, source=self.policy)
-            return trajectory, self._about(trajectory), found
+            return trajectory, self._about(trajectory.config.world, trajectory), found
         controller, env = self._team()
         with _show_progress(env.episode_steps, "watching") as on_step:
             found = watch_episode(controller, env, on_step=on_step)
         trajectory = env.trajectory(policy=self.policy)
         self._save_trajectory(trajectory)
-        return trajectory, self._about(), found
+        return trajectory, self._about(env.config.world), found
 
     def _record_clogs(self, trajectory: Trajectory, about: dict[str, str], found: FoundClogs) -> None:
         from robosim.playback.episode import decisions_run, record_trajectory, spans_around, widened
@@ -310,7 +315,8 @@ class Play:
             recorded = record_trajectory(
                 trajectory, self.recording, about=about, spans=spans, on_step=on_step, source=self.policy
             )
-        kept = sum(end - start for start, end in widened(spans, decisions))
+        # The moment before the first decision is none.
+        kept = sum(end - max(1, start) for start, end in widened(spans, decisions))
         complete = recorded.decisions == wanted
         what = f"{kept} of {decisions} decisions" if complete else f"up to decision {recorded.decisions}"
         self._say_done(f"{clogs}, {what}", complete)
@@ -354,14 +360,17 @@ class Play:
             raise InputError(f"--steps is {wanted}: {self.policy} holds {length} decisions.")
         return replace(trajectory, chosen=trajectory.chosen[:wanted])
 
-    def _about(self, trajectory: Trajectory | None = None) -> dict[str, str]:
+    def _about(self, world: str, trajectory: Trajectory | None = None) -> dict[str, str]:
+        # Rigid bodies are what runs where nothing else is said.
+        elsewhere = {} if world == "physics" else {"world": world}
         if trajectory is None:
-            return {"policy": self.policy, "seed": str(self.seed or 0)}
+            return {"policy": self.policy, "seed": str(self.seed or 0), **elsewhere}
         return {
             "policy": trajectory.policy or "unknown",
             "trajectory": Path(self.policy).name,
             "environment_seed": str(trajectory.seed),
             "episode": str(trajectory.episode),
+            **elsewhere,
         }
 
     def _save_trajectory(self, trajectory: Trajectory) -> None:

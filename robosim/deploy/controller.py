@@ -114,6 +114,8 @@ class Controller:
             memory,
         )
         self._emergency = ""
+        self._resumed = False
+        """Since the last line of the log."""
         self._held_since: float | None = None
         self._rest: Floats | None = None
         self._observed = ""
@@ -181,7 +183,8 @@ class Controller:
         )
         if self._log is not None:
             observed = self._observed if begins else ""
-            self._log.add(period, readings, now, command, self._emergency, observed)
+            self._log.add(period, readings, now, command, self._emergency, observed, self._resumed)
+        self._resumed = False
         return command
 
     def emergency_stop(self, reason: str = "emergency stop") -> Command:
@@ -202,7 +205,7 @@ class Controller:
 
     def resume(self) -> None:
         """End an emergency stop; robots go on with the next decision."""
-        self._emergency = ""
+        self._emergency, self._resumed = "", True
         if self._decision != NOT_BEGUN:
             self._team.stand()
 

@@ -51,6 +51,7 @@ class DecisionLog:
         """
         self.path = Path(path)
         self._robot = robot
+        self._begun = False
         self.failed = ""
         """Why the log has ended early; empty while it has not."""
         try:
@@ -72,9 +73,20 @@ class DecisionLog:
         self._write(head.model_dump(mode="json"))
 
     def add(
-        self, period: int, readings: Readings, now: float, command: Command, emergency: str, observed: str
+        self,
+        period: int,
+        readings: Readings,
+        now: float,
+        command: Command,
+        emergency: str,
+        observed: str,
+        resumed: bool = False,
     ) -> None:
-        """Write the line of a control period; `observed` is the SHA-256 of a decision's observations."""
+        """Write the line of a control period; `observed` is the SHA-256 of a decision's observations.
+
+        `resumed` says that an emergency stop was ended since the line before.
+        """
+        self._begun = True
         line: dict[str, Any] = {
             "period": period,
             "now": now,
@@ -89,14 +101,20 @@ class DecisionLog:
             "stopped": list(command.stopped),
             "unstopped": _listed(command.unstopped),
             "emergency": emergency,
+            "resumed": resumed,
         }
         if command.actions is not None:
             line |= {"actions": _listed(command.actions), "observation": observed}
         self._write(line)
 
     def close(self) -> None:
-        """End the log."""
-        self._file.close()
+        """End the log; one without any control period goes, not to be in the path of the next start."""
+        try:
+            self._file.close()
+            if not self._begun:
+                self.path.unlink(missing_ok=True)
+        except OSError as error:
+            self.failed = self.failed or f"{self.path}: the log ends early: {error.strerror or error}."
 
     def _write(self, line: dict[str, Any]) -> None:
         if self.failed:
@@ -144,6 +162,7 @@ class _Line(Record):
     stopped: Many[str]
     unstopped: _Flags
     emergency: str
+    resumed: bool
     actions: Many[int] | None = None
     observation: str = Field(default="", max_length=64)
 
@@ -165,6 +184,8 @@ class Logged(EqualByValue):
     unstopped: NDArray[np.bool_]
     """[robots] an emergency stop could not be seen to hold this robot."""
     emergency: str
+    resumed: bool
+    """An emergency stop was ended since the period before."""
     actions: NDArray[np.int64] | None
     """[robots]; None within a decision."""
     observation: str
@@ -234,16 +255,23 @@ def run_again(path: str | Path, controller: Controller) -> Iterator[tuple[Logged
     """Yield each logged control period with what a fresh `controller` commands on its readings.
 
     The two are equal to the bit if the controller is the one that was logged, with its policy and weights.
+    InputError for a log of a robot whose pheromone map was kept elsewhere: what it read is not in the log.
     """
-    for logged in read_log(path):
-        if logged.period == 0:
+    log = open_log(path)
+    if log.head.map == "shared":
+        raise InputError(
+            f"{path}: its pheromone map was kept elsewhere, so the run cannot be commanded again."
+        )
+    before = -1
+    for logged in log.periods:
+        if logged.period <= before:
             controller.reset()
-        if logged.emergency != controller.emergency:
-            if controller.emergency:
-                controller.resume()
-            if logged.emergency:
-                controller.emergency_stop(logged.emergency)
-        yield logged, controller.step(logged.readings, logged.now)
+        before = logged.period
+        if logged.resumed:
+            controller.resume()
+        if logged.emergency and logged.emergency != controller.emergency:
+            controller.emergency_stop(logged.emergency)
+        yield logged, controller.step(logged.readings, logged.now, logged.period)
 
 
 def _logged(line: _Line, head: LogHead, place: str) -> Logged:
@@ -269,6 +297,7 @@ def _logged(line: _Line, head: LogHead, place: str) -> Logged:
         stopped=tuple(printable(reason, LONGEST_REASON) for reason in line.stopped),
         unstopped=arrays["unstopped"],
         emergency=printable(line.emergency, LONGEST_REASON),
+        resumed=line.resumed,
         actions=actions,
         observation=line.observation,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 
 import robosim
 from robosim.arena import parse_arena
@@ -14,6 +15,7 @@ from robosim.discretise.goals import Goals
 from robosim.discretise.modes import Mode
 from robosim.discretise.observation import COLLISIONS_FULL, IN_PLACE_CYCLE
 from robosim.robot.drivers import ACTION_NAMES
+from robosim.robot.sheet import RobotSheet
 
 
 def metadata(card: PolicyCard, name: str, weights_sha256: str) -> dict[str, str]:
@@ -36,14 +38,20 @@ def metadata(card: PolicyCard, name: str, weights_sha256: str) -> dict[str, str]
     }
 
 
-def robot_limits(card: PolicyCard) -> dict[str, float | str]:
-    """Return the robot's data sheet in SI units, with the top speeds that follow from it."""
-    sheet = parse_arena(card.env.arena, "env.arena").robot
-    return {
-        **card.arena.robot.model_dump(),
-        "top_speed": sheet.top_speed,
-        "top_turn_rate": sheet.top_turn_rate,
-    }
+Limits = dict[str, float | str]
+"""A data sheet in SI units, with the top speeds that follow from it."""
+
+
+def robot_limits(card: PolicyCard) -> Limits | list[Limits]:
+    """Return the robot's data sheet, or in a mixed team one for each robot, by number."""
+    arena = parse_arena(card.env.arena, "env.arena")
+    if not arena.groups:
+        return _limits(arena.robot)
+    return [_limits(sheet) for sheet in arena.team(card.robots).sheets]
+
+
+def _limits(sheet: RobotSheet) -> Limits:
+    return {**asdict(sheet), "top_speed": sheet.top_speed, "top_turn_rate": sheet.top_turn_rate}
 
 
 def number_meanings(card: PolicyCard) -> list[dict[str, str | float]]:

@@ -77,14 +77,14 @@ class Retrace:
             # Whatever a tracker said is in the log, and numbers without bounds may overflow.
             with np.errstate(over="ignore", invalid="ignore"):
                 begins = before is None or (logged.period < before.period and logged.actions is not None)
-                self._take(logged, before, place, begins=begins)
+                self._take(logged, place, begins=begins)
                 frame = self._frame(logged, logged.now - began, begins=begins)
             yield frame
             before = logged
         if before is None:
             raise InputError(f"{self._path}: holds no control period.")
 
-    def _take(self, logged: Logged, before: Logged | None, place: str, *, begins: bool) -> None:
+    def _take(self, logged: Logged, place: str, *, begins: bool) -> None:
         """Do what the controller did in a period."""
         team, readings = self._team, logged.readings
         on_map = team.on_map(readings.pose)
@@ -92,8 +92,7 @@ class Retrace:
             raise InputError(f"{place}: robot {int(np.argmin(on_map))} is not on the map as a run begins.")
         if begins and logged.actions is None:
             raise InputError(f"{place}: a run begins without a decision.")
-        resumed = before is not None and before.emergency and before.emergency != logged.emergency
-        if resumed and not begins:
+        if logged.resumed and not begins:
             team.stand()
         team.place(readings.pose, on_map)
         stopped = np.array([bool(reason) for reason in logged.stopped])

@@ -48,8 +48,10 @@ class Reckoning:
         `fix` [..., 3] are the last poses that have arrived, `fresh` [...] those of them that did so since the
         last update, and `age` [...] the updates since these were made; `odometry` [..., 3] are the poses by
         the wheels alone at present, and `slips` [...] those who have touched something since the last update.
-        The first update believes the fixes as they are.
+        The first update believes the fixes as they are. A fix that is not finite, of a robot that was not
+        seen, is none; who has had none yet is unknown (NaN), and then at its first one.
         """
+        seen = np.isfinite(fix).all(axis=-1)
         if not self.pose.size:
             self.pose = fix.copy()
             self._misses = np.zeros(fresh.shape, dtype=np.int64)
@@ -57,13 +59,18 @@ class Reckoning:
             return self.pose
         expected = moved_on(self.pose, self._odometry[-1], odometry)
         self._odometry = [*self._odometry, odometry.copy()][-self._longest - 1 :]
+        fresh = fresh & seen
         off = moved_on(fix, self._at(age, fresh.shape), odometry) - expected
         off[..., 2] = wrap_angle(off[..., 2])
         far = np.hypot(off[..., 0], off[..., 1]) > self._travel
         lost = self._misses >= PATIENCE
         weight = np.where(slips | lost, 1.0, self._weight * ~far) * fresh
+        off[~fresh] = 0.0
         self._misses = np.where(fresh, (self._misses + 1) * (weight == 0.0), self._misses)
         self.pose = expected + weight[..., None] * off
+        unknown = fresh & ~np.isfinite(self.pose).all(axis=-1)
+        if unknown.any():
+            self.pose[unknown] = moved_on(fix, self._at(age, fresh.shape), odometry)[unknown]
         self.pose[..., 2] = wrap_angle(self.pose[..., 2])
         return self.pose
 

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-import lzma
-import struct
-import tokenize
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +16,7 @@ from numpy.typing import NDArray
 from robosim.envs.config import EnvConfig
 from robosim.equality import EqualByValue
 from robosim.errors import InputError, name_or_path, printable, shown
-from robosim.files import require_writable, whole_file
+from robosim.files import ARCHIVE_DAMAGE, require_writable, whole_file
 from robosim.robot.drivers import ACTION_NAMES
 from robosim.texts import parse_json, read_limited
 
@@ -50,23 +46,6 @@ _MOST = {
     _DRAWN: _HEAD + _LONGEST_TEXT,
 }
 """Bytes that a field takes at most, unpacked."""
-_DAMAGE = (
-    ValueError,
-    TypeError,
-    SyntaxError,
-    EOFError,
-    LookupError,
-    ArithmeticError,
-    RuntimeError,
-    MemoryError,
-    struct.error,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-)
-"""What zipfile and numpy raise for files that are damaged, encrypted, or lie about their size."""
-
 _Values = dict[str, NDArray[np.generic]]
 
 
@@ -142,7 +121,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
             values = {name: np.asarray(file[name]) for name in there}
     except InputError:
         raise
-    except (OSError, *_DAMAGE) as error:
+    except (OSError, *ARCHIVE_DAMAGE) as error:
         raise InputError(f"{source}: is no trajectory ({_one_line(error)}).") from None
     return _checked(source, values)
 

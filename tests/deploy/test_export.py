@@ -7,6 +7,7 @@ import numpy as np
 import onnx
 import pytest
 
+from robosim.arena import load_arena
 from robosim.cli.main import main
 from robosim.control.card import PolicyCard
 from robosim.control.environment import environment_for
@@ -177,6 +178,11 @@ def test_the_file_says_all_that_is_needed_to_run_it():
     robot = json.loads(said["robot"])
     assert robot["max_wheel_speed"] == card.arena.robot.max_wheel_speed
     assert robot["top_speed"] == pytest.approx(robot["max_wheel_speed"] * robot["wheel_radius"])
+    mixed = read_policy(find_policy("relay-4")).card
+    sheets = json.loads(OnnxPolicy(onnx_model(find_policy("relay-4"))).metadata["robot"])
+    own = load_arena(mixed.env.arena).team(4).sheets
+    assert [one["top_speed"] for one in sheets] == [sheet.top_speed for sheet in own]
+    assert [one["wheel_base"] for one in sheets] == [sheet.wheel_base for sheet in own]
     numbers = json.loads(said["observation"])
     assert [number["name"] for number in numbers] == list(card.observation)
     # A number times its scale is what it measures: seen where a robot is known to be.

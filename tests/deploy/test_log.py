@@ -8,6 +8,7 @@ from numpy.testing import assert_array_equal
 from robosim.control.policy import load_policy
 from robosim.deploy import Controller, DecisionLog
 from robosim.deploy.log import read_log, run_again
+from robosim.deploy.retrace import Retrace
 from robosim.deploy.simulated import SimulatedRobots
 from robosim.errors import InputError
 from tests.deploy.logs import logged_run
@@ -82,7 +83,7 @@ def test_another_file_is_no_log(tmp_path, text, sentence):
 
 def test_a_log_is_never_written_over(tmp_path):
     path = tmp_path / "run.jsonl"
-    DecisionLog(path).close()
+    path.touch()
     with pytest.raises(InputError) as caught:
         DecisionLog(path)
     assert str(caught.value) == f"{path}: is there already; a log is never written over."
@@ -99,3 +100,53 @@ def test_robots_are_driven_on_where_the_log_cannot_be_written(tmp_path):
     for _ in range(4):
         robots.obey(controller.step(robots.readings(), robots.now))
     assert log.failed == f"{log.path}: the log ends early: I/O operation on closed file."
+
+
+@pytest.mark.parametrize("periods", [range(45), range(1, 46), [0, 1, 2, 5, 6, 7, *range(9, 40)]])
+def test_stops_and_periods_of_any_kind_are_commanded_again(tmp_path, periods):
+    """Stops that begin and end between two periods, a second one with another reason, periods left out."""
+    path = tmp_path / "run.jsonl"
+    log = DecisionLog(path)
+    controller = Controller(load_policy("paper-2"), log=log, name="paper-2")
+    robots = SimulatedRobots(controller.config, seed=4)
+    for call, period in enumerate(periods):
+        if call == 10:
+            controller.emergency_stop("at once over")
+            controller.resume()
+        if call in (15, 18):
+            controller.emergency_stop(f"from {call} on")
+        if call == 24:
+            controller.resume()
+            controller.emergency_stop("anew")
+        if call == 28:
+            controller.resume()
+        robots.obey(controller.step(robots.readings(), robots.now, period))
+    log.close()
+    again = Controller(load_policy("paper-2"))
+    pairs = list(run_again(path, again))
+    assert len(pairs) == len(periods)
+    for logged, command in pairs:
+        assert_array_equal(logged.wheel_speeds, command.wheel_speeds)
+        assert logged.stopped == command.stopped
+    retrace = Retrace(path)
+    assert len(list(retrace.frames())) == len(periods)
+    assert retrace.vouched == retrace.decisions > 10
+
+
+def test_a_log_whose_map_was_kept_elsewhere_is_not_commanded_again(tmp_path):
+    path = tmp_path / "run.jsonl"
+    logged_run(path, periods=3)
+    path.write_text(path.read_text().replace('"map": "own"', '"map": "shared"'))
+    with pytest.raises(InputError) as caught:
+        list(run_again(path, Controller(load_policy("paper-2"))))
+    assert str(caught.value) == (
+        f"{path}: its pheromone map was kept elsewhere, so the run cannot be commanded again."
+    )
+
+
+def test_a_log_of_nothing_is_not_in_the_path_of_the_next_start(tmp_path):
+    for _ in range(2):
+        log = DecisionLog(tmp_path / "run.jsonl")
+        Controller(load_policy("paper-2"), log=log)
+        log.close()
+    assert not list(tmp_path.iterdir())

@@ -117,3 +117,19 @@ def test_what_sensors_make_of_it_begins_anew_with_an_episode() -> None:
     again = [env.reset(seed=4), *(env.step(one).final_observation for one in actions)]
     for one, other in zip(first, again, strict=True):
         assert_array_equal(one, other)
+
+
+def test_a_robot_that_is_not_seen_goes_on_by_its_wheels_and_is_found_again() -> None:
+    truth, wheels = folded(paths(5, 1.0, 2.0, 0.5)), paths(5, 0.0, 0.0, 0.0)
+    nowhere = np.full((ROBOTS, 3), np.nan)
+    reckoning, late = Reckoning(0.5, TRAVEL), Reckoning(0.5, TRAVEL)
+    reckoning.update(truth[0], YES, wheels[0], NO)
+    assert np.isnan(late.update(nowhere, YES, wheels[0], NO)).all()
+    for step in range(1, 20):
+        fix, fresh = (nowhere, step % 2 == 0) if step < 6 else (truth[step], True)
+        assert_same_poses(reckoning.update(fix, YES & fresh, wheels[step], NO), truth[step])
+        pose = late.update(fix, YES & fresh, wheels[step], NO)
+        if step < 6:
+            assert np.isnan(pose).all()
+        else:
+            assert_same_poses(pose, truth[step])

@@ -7,7 +7,6 @@ training. Those that come after their tick are left as they come.
 from __future__ import annotations
 
 import io
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from robosim.discretise.cells import Grid
 from robosim.discretise.pheromone import QUARTERS, PheromoneMap
 from robosim.envs.config import EnvConfig
 from robosim.errors import InputError, refused
-from robosim.files import is_regular, write_whole
+from robosim.files import ARCHIVE_DAMAGE, is_regular, write_whole
 
 Integers = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
@@ -188,7 +187,7 @@ def _read_saved(path: Path, setup: int) -> tuple[int, int, NDArray[np.float64]]:
                 raise wrong
             numbers = [int(saved[name][0]) for name in ("setup", "world", "decision")]
             values = np.asarray(saved["values"], np.float64)
-    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
+    except (OSError, *ARCHIVE_DAMAGE):
         raise wrong from None
     if numbers[0] != setup:
         raise InputError(
