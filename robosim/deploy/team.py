@@ -17,6 +17,7 @@ from robosim.discretise.dec_pomdp import DecPomdp
 from robosim.discretise.observation import ObservationLayout
 from robosim.discretise.pheromone import PheromoneConfig, SharedMemory
 from robosim.discretise.reward import RewardConfig
+from robosim.discretise.walls import Walls
 from robosim.robot.drivers import STOP, make_driver
 from robosim.robot.kinematics import wrap_angle
 from robosim.robot.team import Team, per_wheel
@@ -77,6 +78,7 @@ class RealTeam:
             timing.decision_period,
             keep_distance,
         )
+        self._walls = Walls(free, arena.cell_size)
         self._limit = per_wheel(sheet.max_wheel_speed)
         self._state = blank_team(robots)
         self.actions = np.full(robots, STOP)
@@ -107,8 +109,12 @@ class RealTeam:
         return np.asarray(seen & (x >= 0.0) & (x < width) & (y >= 0.0) & (y < height))
 
     def place(self, pose: Floats, on_map: Bools) -> None:
-        """Take in the poses [robots, 3] of those `on_map`; others stay where they were seen last."""
+        """Take in the poses [robots, 3] of those `on_map`; others stay where they were seen last.
+
+        Whoever is seen in a wall is put to its border, as in training: from within it no move would lead.
+        """
         self._state.pose[0][on_map] = pose[on_map]
+        self._state.pose[0, :, :2] = self._walls.off(self._state.pose[0, :, :2])
 
     def decide(self, readings: Readings, stopped: Bools, decision: int, *, anew: bool) -> NDArray[np.float32]:
         """Decide from the poses that were placed and all else in `readings`; returns the observations.

@@ -15,6 +15,7 @@ from pydantic import Field
 from robosim.arena.model import Arena, Zone
 from robosim.discretise.reckoning import Reckoning
 from robosim.discretise.sensing import ExactSensor, Percept, Sensor
+from robosim.discretise.walls import Walls
 from robosim.records import Record
 from robosim.robot.kinematics import wrap_angle
 from robosim.world.chance import Chance, child, normal, uniform
@@ -28,8 +29,6 @@ LONGEST_DELAY = 100
 """Decisions."""
 _NORMAL, _UNIFORM, _READ_NORMAL, _READ_UNIFORM = range(4)
 """Keys of the seeds, children of an episode's for sensing."""
-_INSIDE = 1e-6
-"""How far inside a free cell an estimate is put that would lie in a wall, in cells."""
 
 
 class SensingConfig(Record):
@@ -95,23 +94,6 @@ class Arrivals:
         return self._last
 
 
-def nearest_free(free: Bools) -> NDArray[np.int64]:
-    """Return the free cell nearest to each of [rows, columns], as (column, row); itself where it is free.
-
-    Along each column first, then across: exact, and without scipy, whose import would slow every start.
-    """
-    rows, columns = free.shape
-    up, across = np.arange(rows), np.arange(columns)
-    row = np.zeros(free.shape, dtype=np.int64)
-    square = np.full(free.shape, np.inf)
-    for column in np.flatnonzero(free.any(axis=0)):
-        there = np.flatnonzero(free[:, column])
-        row[:, column] = there[np.abs(up[:, None] - there).argmin(axis=1)]
-        square[:, column] = (up - row[:, column]) ** 2
-    best = np.stack([((across[:, None] - across) ** 2 + square[one]).argmin(axis=1) for one in up])
-    return np.stack([best, np.take_along_axis(row, best, axis=1)], axis=-1)
-
-
 class NoisySensor:
     """Perceives poses as `SensingConfig` says, and all else as it is.
 
@@ -128,10 +110,7 @@ class NoisySensor:
         self._reckoning: Reckoning | None = None
         self._shape = (num_envs, robots)
         self._exact = ExactSensor()
-        self._cell_size = arena.cell_size
-        self._columns = arena.columns
-        self._last_cell = np.array([arena.columns - 1, arena.rows - 1])
-        self._nearest_free = nearest_free(arena.zones != Zone.WALL).reshape(-1, 2).astype(np.float64)
+        self._walls = Walls(arena.zones != Zone.WALL, arena.cell_size)
         self._decision = 0
         self._arrivals, self._made = Arrivals(config.delay), Arrivals(config.delay)
         self.age = np.zeros(self._shape)
@@ -162,7 +141,7 @@ class NoisySensor:
         if self._reckoning is not None:
             slips = percept.touched[ContactKind.ROBOT_ROBOT] | percept.touched[ContactKind.ROBOT_WALL]
             pose = self._reckoning.update(pose, self.age <= was, state.odometry, slips, self._config.delay)
-            pose[..., :2] = self._off_walls(pose[..., :2])
+            pose[..., :2] = self._walls.off(pose[..., :2])
         return percept._replace(pose=pose)
 
     def _fix(self, pose: Floats, errors: Floats, outlier: Bools) -> Floats:
@@ -171,19 +150,10 @@ class NoisySensor:
         if config.position_noise or config.outliers:
             error = config.position_noise * errors[..., :2]
             error += (config.outlier_size * outlier)[..., None] * errors[..., 2:4]
-            measured[..., :2] = self._off_walls(pose[..., :2] + error)
+            measured[..., :2] = self._walls.off(pose[..., :2] + error)
         if config.heading_noise:
             measured[..., 2] = wrap_angle(pose[..., 2] + config.heading_noise * errors[..., 4])
         return measured
-
-    def _off_walls(self, position: Floats) -> Floats:
-        """Return positions [..., 2] with those in a wall put to the border of the nearest free cell."""
-        size = self._cell_size
-        cell = np.clip((position * (1.0 / size)).astype(np.int64), 0, self._last_cell)
-        free = self._nearest_free.take(cell[..., 1] * self._columns + cell[..., 0], axis=0)
-        inside = np.clip(position, (free + _INSIDE) * size, (free + (1.0 - _INSIDE)) * size)
-        walled = (free != cell).any(axis=-1, keepdims=True) | (position < 0.0).any(axis=-1, keepdims=True)
-        return np.where(walled, inside, position)
 
 
 def make_sensor(config: SensingConfig, world: World) -> Sensor:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from robosim.arena import Zone
 from robosim.control.environment import environment_for
 from robosim.control.learned import LearnedController
 from robosim.control.policy import find_policy, load_policy
@@ -358,3 +359,28 @@ print(*sorted({{name.partition(".")[0] for name in sys.modules}}))
     assert set(ran.stdout.split()) & set(heavy.split()) == set()
     assert "numpy" in ran.stdout.split()
     assert_array_equal(np.load(tmp_path / "speeds.npy"), expected)
+
+
+def test_a_robot_that_is_seen_in_a_wall_drives_out_of_it():
+    """A tracker is a few millimetres off, and a robot along a wall is then seen within it."""
+    controller = Controller(load_policy("paper-2"))
+    size = controller.arena.cell_size
+    tunnel = np.argwhere(controller.arena.zones == Zone.TUNNEL)
+    top = tunnel[:, 0].max() + 1
+    in_wall = np.array([1.9, top * size + 0.005, np.pi])
+    assert controller.arena.zones[top, int(1.9 / size)] == Zone.WALL
+    moved = 0
+    for period in range(12):
+        now = 0.1 * period
+        readings = Readings(
+            time=np.full(2, now),
+            pose=np.stack([in_wall, [1.0, 0.675, 0.0]]),
+            laden=np.zeros(2, bool),
+            at_pellet=np.zeros(2, bool),
+            touched=np.zeros((3, 2), bool),
+            pellet=np.full((2, 2), np.nan),
+        )
+        command = controller.step(readings, now)
+        assert command.stopped == ("", "")
+        moved += bool(command.wheel_speeds[0].any())
+    assert moved > 6

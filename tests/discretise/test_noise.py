@@ -12,7 +12,6 @@ from robosim.discretise.noise import (
     ReadingConfig,
     SensingConfig,
     make_sensor,
-    nearest_free,
 )
 from robosim.discretise.sensing import ExactSensor
 from robosim.world.factory import make_world
@@ -132,20 +131,6 @@ def test_nobody_takes_itself_for_standing_in_a_wall_however_far_off() -> None:
         assert (PAPER.zones[cells[..., 1], cells[..., 0]] != Zone.WALL).all()
         inside += int((np.abs(position - state.pose[..., :2]) > 0.5).sum())
     assert inside > 100
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_the_nearest_free_cell_against_all_cells_looked_through(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    free = rng.random((7, 11)) < 0.15
-    free[rng.integers(7), rng.integers(11)] = True
-    cells = np.argwhere(free)[:, ::-1]
-    found = nearest_free(free)
-    for row, column in np.ndindex(free.shape):
-        distance = ((cells - (column, row)) ** 2).sum(axis=1)
-        own = found[row, column]
-        assert free[own[1], own[0]]
-        assert ((own - (column, row)) ** 2).sum() == distance.min()
 
 
 def test_each_environment_errs_as_it_would_alone() -> None:
