@@ -188,12 +188,15 @@ def _level(size: float, found: Evaluation, reference: Evaluation) -> Level:
 
 def table_of(found: Robustness) -> str:
     """Return the shares as a table in Markdown, a row for each noise."""
-    widest = max(len(curve.levels) for curve in found.curves)
+    widest, several = max(len(curve.levels) for curve in found.curves), len(found.delivered) > 1
     mean = sum(found.delivered) / len(found.delivered)
     about = (
         f"{found.controller} in {found.arena}, {found.robots} robots: share of {mean:.1f} pellets kept, "
-        f"mean +- standard error over {len(found.delivered)} episodes of {found.episode_steps} decisions."
+        + ("mean +- standard error over " if several else "in ")
+        + f"{len(found.delivered)} {'episodes' if several else 'episode'} of {found.episode_steps} decisions."
     )
+    if found.profile is not None:
+        about += f" Profile: {found.profile.called}; each size takes the place of what it says of that noise."
     lines = [
         about,
         "",
@@ -201,7 +204,10 @@ def table_of(found: Robustness) -> str:
         "|---|---|" + "---|" * widest + "---|",
     ]
     for curve in found.curves:
-        cells = [f"{level.size:g}: {level.share:.2f} +- {level.error:.2f}" for level in curve.levels]
+        cells = [
+            f"{level.size:g}: {level.share:.2f}" + (f" +- {level.error:.2f}" if several else "")
+            for level in curve.levels
+        ]
         cells += [""] * (widest - len(cells))
         jams = "none of these" if curve.jams_at is None else f"{curve.jams_at:g}"
         lines.append(f"| {curve.noise} | {curve.unit} | {' | '.join(cells)} | {jams} |")

@@ -78,7 +78,7 @@ def _layout(card: PolicyCard) -> list[tuple[str, str]]:
     return [
         ("arena", f"{arena.name}, cells of {arena.cell_size:g} m, text {arena.sha256[:12]}"),
         ("world", env.world),
-        *([("profile", env.profile.name or "without a name")] if env.profile else []),
+        *([("profile", env.profile.called)] if env.profile else []),
         ("observation", f"{len(card.observation)} numbers, {env.encoding}, {pheromones} pheromones"),
         ("actions", f"{card.network.actions}, {env.actions}, every {period:g} s"),
         *_network(card.network),
@@ -134,7 +134,8 @@ def _results(what: str, evaluation: Evaluation) -> list[tuple[str, str]]:
 
 def spread(evaluation: Evaluation) -> str:
     """Return the pellets of an episode, mean and standard deviation."""
-    return f"{evaluation.mean:.1f} +- {evaluation.std:.1f}"
+    spread = f" +- {evaluation.std:.1f}" if evaluation.episodes > 1 else ""
+    return f"{evaluation.mean:.1f}{spread}"
 
 
 def size(folder: Path) -> str:

@@ -280,7 +280,7 @@ def lines_of(standings: Sequence[Standing]) -> list[str]:
 
 
 def _named(profile: ProfileConfig) -> str:
-    return without_controls(profile.name) or "without a name"
+    return without_controls(profile.called)
 
 
 def summary(evaluation: Evaluation) -> str:
@@ -289,12 +289,14 @@ def summary(evaluation: Evaluation) -> str:
     groups = "".join(f"  {group.name:<22}  {group.words()}\n" for group in evaluation.by_group)
     grid = " (grid world)" if evaluation.world == "grid" else ""
     profile = f" (profile {_named(evaluation.profile)})" if evaluation.profile else ""
+    spread = f" (standard deviation {evaluation.std:.1f})" if evaluation.episodes > 1 else ""
+    episodes = "episodes" if evaluation.episodes > 1 else "episode"
     closest = f"\n  closest, centres        {min(evaluation.closest):.4f} m" if evaluation.closest else ""
     return (
         f"{without_controls(evaluation.controller)} in {evaluation.arena}{grid}{profile}, "
-        f"{evaluation.robots} robots, {evaluation.episodes} episodes of "
+        f"{evaluation.robots} robots, {evaluation.episodes} {episodes} of "
         f"{evaluation.episode_steps} decisions:\n"
-        f"  pellets per episode     {evaluation.mean:.1f} (standard deviation {evaluation.std:.1f})\n"
+        f"  pellets per episode     {evaluation.mean:.1f}{spread}\n"
         f"  of each robot           {robots}\n"
         f"{groups}"
         f"  collisions per episode  {sum(evaluation.collisions) / evaluation.episodes:.1f}"

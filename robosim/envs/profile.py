@@ -39,6 +39,11 @@ class ProfileConfig(Record):
     pheromones: ReadingConfig = ReadingConfig()
     """How robots read the pheromone map."""
 
+    @property
+    def called(self) -> str:
+        """Its name, for texts."""
+        return self.name or "without a name"
+
 
 def profile_names() -> list[str]:
     """Names of the profiles that ship, sorted."""

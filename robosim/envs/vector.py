@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -286,6 +286,15 @@ class VectorEnv:
             collided,
             blocked,
         )
+
+    def close(self) -> None:
+        """Do nothing: there are no processes to end, as where `workers` is above 1."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def frame(self, env: int = 0) -> Frame:
         """Return what there is to see of one environment; its arrays are views, valid until the next step.

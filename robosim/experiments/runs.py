@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from robosim.arena import load_arena
 from robosim.control.card import MOST_BYTES, Evaluation, PolicyCard
+from robosim.control.controller import SCRIPTED
 from robosim.control.network import DRAWING
 from robosim.control.policy import RUN_RECORD, check_run
 from robosim.envs.config import MOST_CONFIG, MOST_STEPS, EnvConfig
@@ -110,6 +111,8 @@ class Run:
     """What the profile says under which it was trained, as JSON; empty for none, and where options say it."""
     machine: Mapping[str, str] = field(default_factory=dict)
     """Where it ran; empty where it is not known."""
+    one_team: bool = False
+    """A team that has learned before, evaluated by itself: the seed is that of its evaluation alone."""
     system: str = ""
     """Technique, and behind it the options in which it differs from others of it: see `name_systems`."""
 
@@ -119,15 +122,16 @@ class Run:
         return float(np.mean(values)) if values else None
 
 
-def read_runs(paths: Iterable[Path]) -> list[Run]:
+def read_runs(paths: Iterable[str | Path]) -> list[Run]:
     """Read all runs that `paths` hold, in order of task, system and seed.
 
     A path is a run folder, a folder with run folders below it, a file of results, or a file that
-    `robosim evaluate --json` wrote. A run that is found twice counts once. InputError for a path without
-    runs, a run without an evaluation, two different runs of one system, task and seed, and two arenas, or two
+    `robosim evaluate --json` wrote. A run that is found twice counts once, and the evaluations of one trained
+    team are one run: further episodes are no repetition of its training. InputError for a path without runs,
+    a run without an evaluation, two different runs of one system, task and seed, and two arenas, or two
     profiles, of one name.
     """
-    runs = name_systems([run for path in paths for run in _runs_in(path)])
+    runs = name_systems([run for path in paths for run in _runs_in(Path(path))])
     require_same_tasks(runs)
     _require_same("profiles", runs, lambda run: (str(run.options.get("profile")), run.learned_under))
     found: dict[tuple[str, Task, int], Run] = {}
@@ -138,7 +142,22 @@ def read_runs(paths: Iterable[Path]) -> list[Run]:
                 f"{same.source} and {run.source} are both {run.system} with seed {run.seed} in {run.task}, "
                 "but with other results: give one of them."
             )
-    return sorted(found.values(), key=lambda run: (run.task, run.system, run.seed))
+    return sorted(_pooled(found.values()), key=lambda run: (run.task, run.system, run.seed))
+
+
+def _pooled(runs: Iterable[Run]) -> Iterator[Run]:
+    """Yield the runs, those of one team in one task as one run with the episodes of all."""
+    teams: dict[tuple[str, Task], list[Run]] = defaultdict(list)
+    for run in runs:
+        if run.one_team:
+            teams[run.system, run.task].append(run)
+        else:
+            yield run
+    for evaluations in teams.values():
+        every = sorted(evaluations, key=lambda run: run.seed)
+        first = every[0]
+        figures = {name: [one for run in every for one in run.figures[name]] for name in first.figures}
+        yield replace(first, figures=figures, delivered=[one for run in every for one in run.delivered])
 
 
 def shipped_run(name: str, card: PolicyCard) -> Run | None:
@@ -209,7 +228,16 @@ def _runs_in(path: Path) -> list[Run]:
     if not path.exists():
         raise InputError(f"{path}: there is no such run folder, results file or evaluation.")
     if evaluations := read_evaluations(path):
-        return [_evaluated(one, str(path), technique=one.controller, seed=one.seed) for one in evaluations]
+        return [
+            _evaluated(
+                one,
+                str(path),
+                technique=one.controller,
+                seed=one.seed,
+                one_team=one.controller not in SCRIPTED,
+            )
+            for one in evaluations
+        ]
     results = read_results(path)
     if not results:
         raise InputError(f"{path}: there is no result in this file.")
@@ -237,7 +265,8 @@ def _read_folder(folder: Path) -> Run:
     path = folder / EVALUATION_FILE
     if not path.exists():
         goes_on = f"`robosim train --resume {folder}` goes on with it"
-        why = "it was trained without" if (folder / RUN_RECORD).exists() else goes_on
+        without = f"it was trained without; `robosim evaluate {folder} --json FILE` makes one"
+        why = without if (folder / RUN_RECORD).exists() else goes_on
         raise InputError(f"{folder}: this run has no evaluation ({EVALUATION_FILE}): {why}.")
     check_run(folder)
     evaluations = read_evaluations(path)

@@ -107,7 +107,10 @@ class RunFolder:
         try:
             self._remove_strays()
             if any(path.name != COMMAND_FILE or not self._is_command() for path in self.path.iterdir()):
-                held = "holds a run; `--resume` goes on with it" if self.begun else "is not empty"
+                held = "is not empty"
+                if self.begun:
+                    finished = (self.path / FINISHED_FILE).exists()
+                    held = "holds a finished run" if finished else "holds a run; `--resume` goes on with it"
                 raise InputError(f"{self.path}: this folder {held}; a new run needs a new one.")
         except OSError as error:
             raise self._unwritable(error) from None

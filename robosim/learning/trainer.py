@@ -59,8 +59,8 @@ class TrainResult:
 
 def train(
     config: RunConfig,
-    folder: Path,
-    report: Report,
+    folder: str | Path,
+    report: Report = ignore,
     command: str = "",
     record: Record | None = None,
     watch: Watch | None = None,
@@ -72,7 +72,7 @@ def train(
     checkpoint and the policy so far, and raises KeyboardInterrupt; `resume` goes on from there. InputError
     for a folder that is in use or cannot be written, before learning.
     """
-    config = self_contained(config)
+    config, folder = self_contained(config), Path(folder)
     training, run_folder = _fitting(config), RunFolder(folder)
     run_folder.make()
     with alone_in(folder):
@@ -80,8 +80,8 @@ def train(
 
 
 def resume(
-    folder: Path,
-    report: Report,
+    folder: str | Path,
+    report: Report = ignore,
     record: Record | None = None,
     warn: Say = print,
     watch: Watch | None = None,
@@ -92,6 +92,7 @@ def resume(
     no run, a finished one, one that another process is at, one whose checkpoints are all damaged, or
     something else where a run writes.
     """
+    folder = Path(folder)
     run_folder = RunFolder(folder)
     run_folder.require_begun()
     with alone_in(folder):
@@ -100,7 +101,7 @@ def resume(
 
 def train_or_resume(
     config: RunConfig,
-    folder: Path,
+    folder: str | Path,
     report: Report = ignore,
     command: str = "",
     record: Record | None = None,
@@ -113,7 +114,7 @@ def train_or_resume(
     sentence each, that the run is finished already, and of damaged checkpoints that are passed over.
     InputError as of `train` and `resume`, and when the run in `folder` has another configuration.
     """
-    config = self_contained(config)
+    config, folder = self_contained(config), Path(folder)
     run_folder = RunFolder(folder)
     # Before there is a folder: what does not fit together leaves none.
     training = None if run_folder.begun else _fitting(config)

@@ -85,7 +85,7 @@ class Recorder:
 
     def tell_drawn(self, profile: ProfileConfig, drawn: MotionDraws) -> None:
         """Say, before the first frame, under which profile the episode runs, and what it has drawn."""
-        self._facts |= {"profile": profile.name or "without a name", **_in_words(drawn)}
+        self._facts |= {"profile": profile.called, **_in_words(drawn)}
         exact = {"profile": profile.model_dump_json(), "drawn": json.dumps(drawn.table())}
         self._stream.send_property("profile", rr.AnyValues(drop_untyped_nones=True, **exact))
 

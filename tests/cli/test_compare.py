@@ -135,7 +135,10 @@ def test_wrong_input_is_a_sentence_and_leaves_nothing(given, tmp_path, capsys):
         ([], "compare needs runs: give run folders, results of sweeps or evaluations."),
         (
             [str(bare)],
-            f"{bare}: this run has no evaluation (evaluation.json): it was trained without.",
+            (
+                f"{bare}: this run has no evaluation (evaluation.json): it was trained without; "
+                f"`robosim evaluate {bare} --json FILE` makes one."
+            ),
         ),
         (
             [*given, "--metric", "gini"],

@@ -182,7 +182,7 @@ def test_evaluate_takes_a_name(
     make_policy(ships / "paper-2")
     monkeypatch.chdir(tmp_path)
     assert main(["evaluate", "paper-2", "--episodes", "1", "--steps", "5"]) == 0
-    assert capsys.readouterr().out.startswith("paper-2 in paper, 2 robots, 1 episodes of 5 decisions:")
+    assert capsys.readouterr().out.startswith("paper-2 in paper, 2 robots, 1 episode of 5 decisions:")
     assert main(["evaluate", "papr-2"]) == 2
     assert capsys.readouterr().err.endswith("did you mean paper-2?\n")
 
@@ -197,7 +197,7 @@ def test_a_policy_of_an_own_arena_takes_it_along_and_its_report_can_be_made_agai
     make_policy(tmp_path / "p", env=env, arena=about, evaluation=None, reference=None)
     monkeypatch.chdir(tmp_path)
     assert main(["evaluate", "p", "--episodes", "1", "--steps", "5", "--report", "out"]) == 0
-    assert capsys.readouterr().out.startswith("p in my cave, 2 robots, 1 episodes of 5 decisions:")
+    assert capsys.readouterr().out.startswith("p in my cave, 2 robots, 1 episode of 5 decisions:")
     command = json.loads((tmp_path / "out" / "metrics.json").read_text())["command"]
     assert command == "robosim evaluate p --robots 2 --episodes 1 --steps 5 --seed 0 --report FOLDER"
     assert main(command.replace("FOLDER", "again").split()[1:]) == 0

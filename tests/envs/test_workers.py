@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import robosim
+from robosim.control.controller import make_controller
+from robosim.control.evaluate import evaluate
 from robosim.envs.vector import VectorEnv
 from robosim.envs.workers import WorkerVectorEnv, vector_env
 from robosim.errors import InputError
@@ -254,3 +256,21 @@ def test_after_an_interrupt_it_is_sound_or_says_that_it_is_closed() -> None:
     finally:
         signal.signal(signal.SIGALRM, handler)
     assert cut_short
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_environments_are_closed_alike_however_many_processes_they_run_in(workers) -> None:
+    with robosim.vector_env("paper", robots=2, num_envs=2, workers=workers) as env:
+        assert env.reset().shape[:2] == (2, 2)
+    env.close()
+
+
+def test_what_an_evaluation_cannot_look_into_is_a_sentence() -> None:
+    with robosim.vector_env("paper", robots=2, num_envs=2, workers=2) as env:
+        with pytest.raises(InputError) as caught:
+            evaluate(make_controller("paper-2"), env, 1)
+        assert str(caught.value) == (
+            "evaluate: looks into the world of the environments, so workers must be 1."
+        )
+        with pytest.raises(InputError, match='^controller is "lanes", but must be a controller, as robosim'):
+            evaluate("lanes", env, 1)

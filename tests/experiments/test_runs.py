@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from robosim.arena import load_arena
+from robosim.control.controller import make_controller
+from robosim.control.evaluate import evaluate
 from robosim.envs.config import EnvConfig
+from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from robosim.experiments import runs as module
 from robosim.experiments.jobs import run_job
@@ -234,7 +237,13 @@ def damage(path, how):
 @pytest.mark.parametrize(
     ("how", "sentence"),
     [
-        ("no evaluation", "{}: this run has no evaluation (evaluation.json): it was trained without."),
+        (
+            "no evaluation",
+            (
+                "{0}: this run has no evaluation (evaluation.json): it was trained without; "
+                "`robosim evaluate {0} --json FILE` makes one."
+            ),
+        ),
         (
             "not finished",
             "{0}: this run has no evaluation (evaluation.json): `robosim train --resume {0}` goes on with it",
@@ -342,3 +351,22 @@ def test_no_bit_of_a_finished_run_changes_unnoticed(tmp_path, name):
         with pytest.raises(InputError) as caught:
             read_runs([tmp_path])
         assert str(caught.value) == f"{path / name}: is not what the run wrote: its SHA-256 is another."
+
+
+def test_evaluations_of_one_trained_team_are_one_run_and_of_a_script_several(tmp_path):
+    files = []
+    for name, seeds in (("paper-2", (1, 2, 3)), ("lanes", (1, 2))):
+        for seed in seeds:
+            env = VectorEnv("paper", robots=2, world="grid", episode_steps=60, num_envs=2)
+            found = evaluate(make_controller(name), env, 2, seed)
+            files.append(tmp_path / f"{name}-{seed}.json")
+            files[-1].write_text(found.model_dump_json())
+    by_name = {}
+    for run in read_runs([*files, files[0]]):
+        by_name.setdefault(run.system, []).append(run)
+    (team,) = by_name["paper-2"]
+    assert team.seed == 1
+    totals = [json.loads(file.read_text())["delivered"] for file in files[:3]]
+    assert team.delivered == [tuple(one) for found in totals for one in found]
+    assert len(team.figures["pellets"]) == len(team.figures["touches"]) == 6
+    assert [run.seed for run in by_name["lanes"]] == [1, 2]

@@ -342,12 +342,16 @@ def test_a_folder_in_use_or_out_of_reach_is_a_sentence(tmp_path):
         (folder / name).write_text("mine")
     begun = tmp_path / "begun"
     RunFolder(begun).begin(TINY, "robosim train")
+    over = tmp_path / "over"
+    RunFolder(over).begin(TINY, "robosim train")
+    (over / "finished.json").write_text("{}")
     file = tmp_path / "file"
     file.write_text("")
     for folder, sentence in (
         (full, "this folder is not empty; a new run needs a new one."),
         (named, "this folder is not empty; a new run needs a new one."),
         (begun, "this folder holds a run; `--resume` goes on with it; a new run needs a new one."),
+        (over, "this folder holds a finished run; a new run needs a new one."),
         (file, "this is a file; a run needs a folder."),
         (file / "run", "the run folder cannot be written: Not a directory."),
     ):

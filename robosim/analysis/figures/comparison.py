@@ -147,6 +147,9 @@ def by_team_size(panels: Sequence[Panel], systems: Systems, metric: str) -> Figu
             )
         axes.set_title(panel.title)
         axes.xaxis.set_major_locator(FixedLocator(sizes))
+        if len(sizes) == 1:
+            # Or the axis would be scaled to what keeps the points apart.
+            axes.set_xlim(sizes[0] - 0.5, sizes[0] + 0.5)
         axes.set_xlabel("robots")
         axes.set_ylim(bottom=0.0)
     grid[0].set_ylabel(f"{metric} per episode, IQM")

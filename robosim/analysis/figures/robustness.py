@@ -36,7 +36,7 @@ def draw_robustness(teams: Sequence[Robustness]) -> Figure:
         for found, colour in zip(teams, SERIES, strict=False):
             for curve in found.curves:
                 if curve.noise == noise:
-                    top = max(top, _draw_curve(axes, curve, _label(found), colour))
+                    top = max(top, _draw_curve(axes, curve, found, colour))
         axes.set_title(noise)
         axes.set_xlabel(unit)
         axes.set_ylim(0.0, top)
@@ -48,15 +48,25 @@ def draw_robustness(teams: Sequence[Robustness]) -> Figure:
     return figure
 
 
-def _draw_curve(axes: Axes, curve: Curve, label: str, colour: str) -> float:
+def _draw_curve(axes: Axes, curve: Curve, found: Robustness, colour: str) -> float:
     """Draw the curve of one team; returns how high the panel must be for it."""
-    sizes = [0.0, *(level.size for level in curve.levels)]
-    shares = [1.0, *(level.share for level in curve.levels)]
-    errors = [0.0, *(level.error for level in curve.levels)]
+    sizes = [level.size for level in curve.levels]
+    shares = [level.share for level in curve.levels]
+    errors = [level.error for level in curve.levels]
+    if found.profile is None:
+        # Under a profile a team without more noise is not one without any.
+        sizes, shares, errors = [0.0, *sizes], [1.0, *shares], [0.0, *errors]
     if curve.jams_at is not None:
         axes.axvline(curve.jams_at, color=colour, linewidth=1.2, linestyle=(0, (1, 1.5)))
     axes.errorbar(
-        sizes, shares, yerr=errors, color=colour, linewidth=1.0, marker="o", markersize=3.0, label=label
+        sizes,
+        shares,
+        yerr=errors,
+        color=colour,
+        linewidth=1.0,
+        marker="o",
+        markersize=3.0,
+        label=_label(found),
     )
     return 1.05 * max(share + error for share, error in zip(shares, errors, strict=True))
 

@@ -127,7 +127,7 @@ def _facts(evaluation: Evaluation, episode: Episode) -> dict[str, object]:
         "episodes": evaluation.episodes,
         "decisions in each": f"{evaluation.episode_steps}, every {episode.arena.timing.decision_period:g} s",
         "seed": evaluation.seed,
-        **({} if evaluation.profile is None else {"profile": evaluation.profile.name or "without a name"}),
+        **({} if evaluation.profile is None else {"profile": evaluation.profile.called}),
     }
 
 
