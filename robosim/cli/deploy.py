@@ -384,7 +384,8 @@ class Demo:
     save: Path = Path("deploy-demo.rrd")
     """The recording to write."""
     view: bool = True
-    """Open the viewer, and show what happens as it does, where there is a display."""
+    """By default the viewer opens, where there is a display, and shows what happens; with this only the recording
+    is written."""
 
     def run(self) -> None:
         from robosim.control.policy import load_policy

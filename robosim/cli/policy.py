@@ -79,7 +79,7 @@ class Readme:
     policy: tyro.conf.Positional[str]
     """Policy by its folder, or the name of one that ships."""
     clip: bool = True
-    """Film the team, too; otherwise a clip that is there stays."""
+    """By default the team is filmed, too; with this a clip that is there stays."""
 
     def run(self) -> None:
         from robosim.cli.model_card import write_readme

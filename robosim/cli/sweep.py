@@ -46,7 +46,7 @@ class Sweep:
     only: Annotated[str | None, tyro.conf.arg(metavar="NAME=VALUE,...")] = None
     """Only the runs with these values; several values of a name are alternatives."""
     keep_runs: bool = True
-    """Keep the folders of finished runs, with policy and metrics."""
+    """By default the folders of finished runs are kept, with policy and metrics; with this they go."""
 
     def run(self) -> None:
         """Work the sweep off, with a progress display, or say what there is to do."""
