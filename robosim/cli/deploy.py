@@ -384,8 +384,8 @@ class Demo:
     save: Path = Path("deploy-demo.rrd")
     """The recording to write."""
     view: bool = True
-    """By default the viewer opens, where there is a display, and shows what happens; with this only the recording
-    is written."""
+    """By default the viewer opens, where there is a display, and shows what happens; with this a recording is
+    all that is made."""
 
     def run(self) -> None:
         from robosim.control.policy import load_policy
