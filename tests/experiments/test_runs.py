@@ -367,6 +367,6 @@ def test_evaluations_of_one_trained_team_are_one_run_and_of_a_script_several(tmp
     (team,) = by_name["paper-2"]
     assert team.seed == 1
     totals = [json.loads(file.read_text())["delivered"] for file in files[:3]]
-    assert team.delivered == [tuple(one) for found in totals for one in found]
+    assert team.delivered == tuple(tuple(one) for found in totals for one in found)
     assert len(team.figures["pellets"]) == len(team.figures["touches"]) == 6
     assert [run.seed for run in by_name["lanes"]] == [1, 2]
