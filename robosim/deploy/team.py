@@ -113,8 +113,9 @@ class RealTeam:
 
         Whoever is seen in a wall is put to its border, as in training: from within it no move would lead.
         """
-        self._state.pose[0][on_map] = pose[on_map]
-        self._state.pose[0, :, :2] = self._walls.off(self._state.pose[0, :, :2])
+        placed = pose[on_map]
+        placed[:, :2] = self._walls.off(placed[:, :2])
+        self._state.pose[0][on_map] = placed
 
     def decide(self, readings: Readings, stopped: Bools, decision: int, *, anew: bool) -> NDArray[np.float32]:
         """Decide from the poses that were placed and all else in `readings`; returns the observations.
