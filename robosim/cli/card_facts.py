@@ -134,8 +134,8 @@ def _results(what: str, evaluation: Evaluation) -> list[tuple[str, str]]:
 
 def spread(evaluation: Evaluation) -> str:
     """Return the pellets of an episode, mean and standard deviation."""
-    spread = f" +- {evaluation.std:.1f}" if evaluation.episodes > 1 else ""
-    return f"{evaluation.mean:.1f}{spread}"
+    deviation = f" +- {evaluation.std:.1f}" if evaluation.episodes > 1 else ""
+    return f"{evaluation.mean:.1f}{deviation}"
 
 
 def size(folder: Path) -> str:

@@ -90,11 +90,19 @@ class _Common:
         return policy, config, controller.arena
 
 
-def checked_speed(text: str) -> float:
-    """Return the seconds of the world in a second that --speed asks for; InputError for none."""
-    from robosim.deploy.processes.world import AS_FAST_AS_ALL_ANSWER
-    from robosim.errors import refused
+def _checked(text: str, seed: int, decisions: int | None) -> float:
+    """Return the seconds of the world in a second that --speed asks for, `text`.
 
+    InputError for none, and for a --seed or --decisions that a world does not take.
+    """
+    from robosim.deploy.processes.world import AS_FAST_AS_ALL_ANSWER
+    from robosim.envs.config import MOST_STEPS
+    from robosim.envs.vector import MAX_SEED
+    from robosim.errors import refused, whole_number
+
+    whole_number("--seed", seed, 0, MAX_SEED)
+    if decisions is not None:
+        whole_number("--decisions", decisions, 1, MOST_STEPS)
     if text == "max":
         return AS_FAST_AS_ALL_ANSWER
     try:
@@ -138,15 +146,11 @@ class World(_Common):
         from robosim.deploy.processes.stopping import Ending
         from robosim.deploy.processes.world import WorldProcess
         from robosim.deploy.simulated import SimulatedRobots
-        from robosim.envs.config import MOST_STEPS, env_config
-        from robosim.envs.vector import MAX_SEED
-        from robosim.errors import InputError, refused, whole_number
+        from robosim.envs.config import env_config
+        from robosim.errors import InputError, refused
         from robosim.files import require_writable, write_whole
 
-        speed = checked_speed(self.speed)
-        whole_number("--seed", self.seed, 0, MAX_SEED)
-        if self.decisions is not None:
-            whole_number("--decisions", self.decisions, 1, MOST_STEPS)
+        speed = _checked(self.speed, self.seed, self.decisions)
         if self.tracker_rate is not None and not 0.1 <= self.tracker_rate <= 1e4:
             raise refused("--tracker-rate", self.tracker_rate, "a number from 0.1 to 10000")
         if self.view and self.save is None:
@@ -391,15 +395,10 @@ class Demo:
         from robosim.control.policy import load_policy
         from robosim.deploy.controller import Controller
         from robosim.deploy.processes.launch import WORLD, TeamOfProcesses
-        from robosim.envs.config import MOST_STEPS
-        from robosim.envs.vector import MAX_SEED
-        from robosim.errors import whole_number
         from robosim.playback.file import require_recording
 
         # All that a process would refuse, before any is started.
-        checked_speed(self.speed)
-        whole_number("--seed", self.seed, 0, MAX_SEED)
-        whole_number("--decisions", self.decisions, 1, MOST_STEPS)
+        _checked(self.speed, self.seed, self.decisions)
         require_recording(self.save)
         robots = Controller(load_policy(self.policy), self.robots, name=Path(self.policy).name).robots
         with tempfile.TemporaryDirectory(prefix="robosim-deploy-") as folder:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from robosim.control.card import Evaluation
-from robosim.errors import InputError, refused, whole_number
+from robosim.control.seek import require_world
+from robosim.errors import refused, whole_number
 
 if TYPE_CHECKING:
     from robosim.control.controller import Controller
@@ -47,8 +48,7 @@ def evaluate(
     whole_number("episodes", episodes, 1, MOST_EPISODES)
     if not hasattr(controller, "act"):
         raise refused("controller", controller, "a controller, as robosim.make_controller makes one by name")
-    if not hasattr(env, "world"):
-        raise InputError("evaluate: looks into the world of the environments, so workers must be 1.")
+    require_world("evaluate", env)
     delivered: list[tuple[int, ...]] = []
     handed_over: list[tuple[int, ...]] = []
     collisions: list[int] = []

@@ -60,7 +60,8 @@ class Reckoning:
         expected = moved_on(self.pose, self._odometry[-1], odometry)
         self._odometry = [*self._odometry, odometry.copy()][-self._longest - 1 :]
         fresh = fresh & seen
-        off = moved_on(fix, self._at(age, fresh.shape), odometry) - expected
+        fixed = moved_on(fix, self._at(age, fresh.shape), odometry)
+        off = fixed - expected
         off[..., 2] = wrap_angle(off[..., 2])
         far = np.hypot(off[..., 0], off[..., 1]) > self._travel
         lost = self._misses >= PATIENCE
@@ -69,8 +70,7 @@ class Reckoning:
         self._misses = np.where(fresh, (self._misses + 1) * (weight == 0.0), self._misses)
         self.pose = expected + weight[..., None] * off
         unknown = fresh & ~np.isfinite(self.pose).all(axis=-1)
-        if unknown.any():
-            self.pose[unknown] = moved_on(fix, self._at(age, fresh.shape), odometry)[unknown]
+        self.pose[unknown] = fixed[unknown]
         self.pose[..., 2] = wrap_angle(self.pose[..., 2])
         return self.pose
 

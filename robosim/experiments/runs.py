@@ -156,9 +156,6 @@ def _pooled(runs: Iterable[Run]) -> Iterator[Run]:
     for evaluations in teams.values():
         every = sorted(evaluations, key=lambda run: run.seed)
         first = every[0]
-        if len(every) == 1:
-            yield first
-            continue
         figures = {name: tuple(one for run in every for one in run.figures[name]) for name in first.figures}
         yield replace(first, figures=figures, delivered=tuple(one for run in every for one in run.delivered))
 
