@@ -56,6 +56,8 @@ class _Common:
     """To try a bad link: time that each takes, s of the wall clock."""
     jitter: float = 0.0
     """To try a bad link: further time, drawn evenly from 0 to this, s; later ones overtake."""
+    link_seed: int = 0
+    """Of what a bad link draws; each process draws by its own name, too."""
 
     def _link(self) -> tuple[LinkConfig, Disturbance]:
         from robosim.deploy.link.access import LinkConfig
@@ -75,6 +77,7 @@ class _Common:
             "doubled": self.doubled,
             "delay": self.delay,
             "jitter": self.jitter,
+            "disturbance_seed": self.link_seed,
         }
         return LinkConfig.from_table(table, "link"), Disturbance.from_table(disturbed, "link")
 

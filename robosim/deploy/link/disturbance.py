@@ -25,7 +25,7 @@ class Disturbance(Record):
     jitter: float = Field(default=0.0, ge=0, le=60)
     """Further time that each takes, drawn evenly from 0 to this, s: the later ones overtake."""
     disturbance_seed: int = Field(default=0, ge=0, le=2**63)
-    """Of what is drawn."""
+    """Of what is drawn, with the name of the process: those of a team lose messages independently."""
 
     @property
     def quiet(self) -> bool:
@@ -34,12 +34,12 @@ class Disturbance(Record):
 
 
 class Disturber:
-    """Stands between a process and its link."""
+    """Stands between the process of that name and its link."""
 
-    def __init__(self, disturbance: Disturbance, send: Callable[[str, bytes], None]) -> None:
+    def __init__(self, name: str, disturbance: Disturbance, send: Callable[[str, bytes], None]) -> None:
         self._disturbance = disturbance
         self._send = send
-        self._rng = np.random.default_rng(disturbance.disturbance_seed)
+        self._rng = np.random.default_rng((disturbance.disturbance_seed, *name.encode()))
         self._waiting: list[tuple[float, int, str, bytes]] = []
         self._count = 0
         self._changed = threading.Condition()

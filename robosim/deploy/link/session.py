@@ -76,7 +76,7 @@ class Link:
         self._sequences: dict[str, int] = {}
         self._declared: list[Any] = []
         disturbed = disturbance is not None and not disturbance.quiet
-        self._disturber = Disturber(disturbance, self._put) if disturbance and disturbed else None
+        self._disturber = Disturber(name, disturbance, self._put) if disturbance and disturbed else None
 
     def __enter__(self) -> Self:
         return self

@@ -36,6 +36,8 @@ class RemoteMap:
         self.decision = 0
         """Of the world's clock; whoever drives sets it before each."""
         self._marks: tuple[int, bool, int] | None = None
+        self._marked = 0
+        """The cell that the robot was in as it left its marks, as in `update`."""
         self._exchanged = -1
         self._patch = np.zeros(patch_numbers(config.radius), np.float32)
         self._density = 0.0
@@ -57,6 +59,11 @@ class RemoteMap:
         """Remember the robot's marks until it reads; arguments are [1, robots]."""
         mine = 0, self._robot
         self._marks = int(mode[mine]), bool(laden[mine]), int(action[mine])
+        self._marked = int(cell[mine])
+
+    def deposit(self) -> Deposit | None:
+        """Return the newest marks, as a robot sends them that reads nothing; None before the first."""
+        return None if self._marks is None else self._deposit(self._marked, NORTH_UP)
 
     def read(
         self, cell: Integers, out: NDArray[np.float32], heading: NDArray[np.float64] | None = None
@@ -78,20 +85,21 @@ class RemoteMap:
         if self._exchanged == self.decision:
             return
         self._exchanged = self.decision
-        row, column = divmod(int(cell[0, self._robot]), self._grid.shape[1])
-        margin = self._grid.margin
-        mode, laden, action = self._marks or (0, False, STOP)
-        reading = self._exchange(
-            Deposit(
-                decision=self.decision,
-                column=column - margin,
-                row=row - margin,
-                facing=facing,
-                marks=self._marks is not None,
-                mode=mode,
-                laden=laden,
-                action=action,
-            )
-        )
+        reading = self._exchange(self._deposit(int(cell[0, self._robot]), facing))
         if reading is not None and len(reading.patch) == len(self._patch):
             self._patch, self._density = reading.patch, reading.density
+
+    def _deposit(self, cell: int, facing: int) -> Deposit:
+        row, column = divmod(cell, self._grid.shape[1])
+        margin = self._grid.margin
+        mode, laden, action = self._marks or (0, False, STOP)
+        return Deposit(
+            decision=self.decision,
+            column=column - margin,
+            row=row - margin,
+            facing=facing,
+            marks=self._marks is not None,
+            mode=mode,
+            laden=laden,
+            action=action,
+        )

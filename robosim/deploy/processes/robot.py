@@ -127,7 +127,7 @@ class RobotProcess:
             now = time.monotonic()
             if self._fresh and self._clock.stage == Stage.RUNNING and self._until_due() <= 0.0:
                 self._drive(now)
-            elif now - self._sent_at >= HEARTBEAT / self._clock.scale:
+            elif now - self._sent_at >= self._heartbeat():
                 self._repeat(now)
         self._send(_STAND, time.monotonic())
         why = "asked to end" if ending.asked else "the world has ended"
@@ -140,10 +140,14 @@ class RobotProcess:
             self._lines.say(self._log.failed)
         self._lines.sum_up()
 
+    def _heartbeat(self) -> float:
+        """Return after how long the last command is said again, s: in a fast world limits are shorter."""
+        return HEARTBEAT / max(self._clock.scale, 1.0)
+
     def _until_due(self) -> float:
         """Return how long to wait for mail, s: all that is said of one moment may come in any order."""
         if not self._fresh:
-            return HEARTBEAT / self._clock.scale
+            return self._heartbeat()
         if self._heard_all():
             return 0.0
         waits = frame_patience(self._timing.control_period, self._clock.speed)
@@ -294,8 +298,12 @@ class RobotProcess:
             self._stop("no pose on the map yet", now)
             return
         command = self._controller.step(readings, world_now, period, self._held(now))
-        self.decisions += command.actions is not None
         robot = self._robot
+        if command.actions is not None:
+            self.decisions += 1
+            if not self._needs_map and (deposit := self._memory.deposit()):
+                # For the world's picture; whoever reads the map says it with every question.
+                self._link.send(f"deposit/{robot}", deposit, robot)
         reason = command.stopped[robot]
         if self._hold.hold != NOBODY:
             self._watch_rest(world_now, unstopped=bool(command.unstopped[robot]))

@@ -271,8 +271,13 @@ class WorldProcess:
         if self._speed == AS_FAST_AS_ALL_ANSWER:
             self._wait_for_answers()
             return time.monotonic()
+        told = time.monotonic()
         while (left := due - time.monotonic()) > 0.0:
-            self._pump(left)
+            self._pump(min(left, HEARTBEAT))
+            # A slow world is not a silent one: whoever orders a stop hears of it by the clock.
+            if time.monotonic() - told >= HEARTBEAT:
+                told = time.monotonic()
+                self._publish_clock(Stage.RUNNING)
         self._pump(0.0)
         late = time.monotonic() - due
         if late > _BEHIND:

@@ -33,8 +33,11 @@ from robosim.deploy.processes.pheromones import PheromoneService
 from robosim.deploy.processes.stopping import Ending
 from robosim.deploy.processes.world import AS_FAST_AS_ALL_ANSWER, WorldProcess
 from robosim.deploy.simulated import SimulatedRobots
+from robosim.discretise.modes import Mode
 from robosim.envs.config import env_config
 from robosim.errors import InputError
+from robosim.robot.drivers import STOP, Cardinal
+from tests.deploy.made import make_policy
 from tests.deploy.processes.team import (
     ARENA,
     CONFIG,
@@ -164,6 +167,68 @@ def test_a_team_is_held_and_released_over_the_link_and_who_comes_late_hears_it(l
     assert "world: emergency stop: smoke; holds all robots" in said
     assert said.count("the emergency stop is released") == 3
     assert "robot 0: stands" in said
+
+
+@pytest.fixture
+def without_map(tmp_path):
+    """A policy of two robots that reads no pheromones and drives north, what it plays, and its setup."""
+
+    def north(spec):
+        weights = {name: np.zeros(shape, np.float32) for name, shape in spec.shapes.items()}
+        weights["layer2.bias"][:, 0] = 1.0
+        return weights
+
+    made = make_policy(tmp_path / "made", 2, north, env={"stigmergy": False}, of_robot=(0, 1))
+    policy = load_policy(made)
+    plays = Controller(policy).config.changed(pellet_gradient=0.0, profile=None)
+    return policy, plays, setup_number(plays)
+
+
+def test_the_picture_shows_what_robots_do_that_read_no_pheromones(link_config, without_map):
+    policy, plays, setup = without_map
+    frames = []
+    with ExitStack() as stack:
+        here = stack.enter_context(Link("world", link_config, listen=link_config.world_at))
+        robots = [
+            robot_process(number, link_config, stack, policy=policy, plays=plays) for number in range(2)
+        ]
+        world = WorldProcess(
+            SimulatedRobots(plays, 5),
+            setup,
+            here,
+            Lines("world", StringIO()),
+            speed=4.0,
+            needs_map=False,
+            on_frame=lambda frame: frames.append((frame.mode.tolist(), frame.action.tolist())),
+        )
+        with running(*(lambda ending, robot=robot: robot.run(ending, 10.0) for robot in robots)) as failed:
+            world.run(40, Ending(), 10.0)
+    assert failed == []
+    assert frames[0] == ([Mode.GOING_TO_DIG] * 2, [STOP] * 2)
+    assert frames[-1][1] == [Cardinal.NORTH] * 2
+    # Against the wall a robot is now in collision, now not.
+    assert all(any(mode[robot] == Mode.COLLISION for mode, _ in frames) for robot in range(2))
+
+
+@pytest.mark.slow
+def test_a_slow_world_is_not_taken_for_a_silent_one(link_config, without_map, capsys):
+    """A control period of it takes longer than a process may be silent."""
+    policy, plays, setup = without_map
+    engine = SimulatedRobots(plays, 5)
+    stop = ["--world-at", link_config.world_at, "--team", "test", "--patience", "30"]
+    with ExitStack() as stack:
+        here = stack.enter_context(Link("world", link_config, listen=link_config.world_at))
+        robots = [
+            robot_process(number, link_config, stack, policy=policy, plays=plays) for number in range(2)
+        ]
+        world = WorldProcess(engine, setup, here, Lines("world", StringIO()), speed=0.15, needs_map=False)
+        jobs = [lambda ending, robot=robot: robot.run(ending, 10.0) for robot in robots]
+        with running(lambda ending: world.run(1000, ending, 10.0), *jobs) as failed:
+            assert until(lambda: engine.now > 0.3)
+            assert main(["deploy", "stop", *stop]) == 0
+            assert main(["deploy", "release", *stop]) == 0
+    assert failed == []
+    assert capsys.readouterr().out.splitlines()[-1] == "the team is released"
 
 
 def test_an_operator_is_told_who_did_not_stop_and_that_nobody_heard(link_config, capsys):
