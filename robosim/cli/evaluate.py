@@ -85,6 +85,7 @@ class Evaluate:
         with episodes_shown(env, self.episodes) as shown:
             watch: list[Watch] = [monitor, shown] if monitor else [shown]
             result = evaluate(controller, env, self.episodes, self.seed, watch=watch)
+        result = result.changed(trained=_trained(controller))
         print(summary(result), flush=True)
         if self.json is not None:
             write_whole(self.json, result.model_dump_json(indent=2) + "\n")
@@ -138,7 +139,8 @@ class Evaluate:
         results = []
         for controller, env in teams:
             with episodes_shown(env, self.episodes) as shown:
-                results.append(evaluate(controller, env, self.episodes, self.seed, watch=[shown]))
+                result = evaluate(controller, env, self.episodes, self.seed, watch=[shown])
+            results.append(result.changed(trained=_trained(controller)))
         standings = [standing(result) for result in results]
         print("\n".join(lines_of(standings)), flush=True)
         if self.json is not None:
@@ -281,6 +283,14 @@ def lines_of(standings: Sequence[Standing]) -> list[str]:
 
 def _named(profile: ProfileConfig) -> str:
     return without_controls(profile.called)
+
+
+def _trained(controller: Controller) -> str | None:
+    """Return the configuration of the run that trained a team, for whoever compares evaluations."""
+    from robosim.control.controller import SCRIPTED
+    from robosim.control.policy import configuration_of
+
+    return None if controller.name in SCRIPTED else configuration_of(controller.name)
 
 
 def summary(evaluation: Evaluation) -> str:

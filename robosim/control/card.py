@@ -15,7 +15,7 @@ from robosim.arena.schema import RobotSection, TimingSection
 from robosim.control.html import evaluation_html
 from robosim.control.network import NetworkSpec, Weights, check_weights, unmet_standing
 from robosim.discretise.observation import Columns, MoveGains, find_columns
-from robosim.envs.config import EnvConfig
+from robosim.envs.config import MOST_CONFIG, EnvConfig
 from robosim.envs.profile import ProfileConfig
 from robosim.errors import InputError, printable, shown
 from robosim.records import Many, Record
@@ -144,6 +144,8 @@ class Evaluation(Record):
     """[robots] name of the group of each in a mixed team; none for a team of equals."""
     handed_over: Many[Many[Count]] | None = None
     """[episodes][robots] pellets that each robot handed over; none in a team without such roles."""
+    trained: str | None = Field(default=None, max_length=MOST_CONFIG)
+    """Configuration of the run that trained the team, TOML; none for others, and inside that run's folder."""
 
     @property
     def episodes(self) -> int:

@@ -18,10 +18,11 @@ from robosim.arena.shipped import shipped_folder
 from robosim.control.card import MOST_BYTES, PolicyCard, card_text, read_card
 from robosim.control.html import policy_html
 from robosim.control.network import IN_PLACE_FIELDS, Networks, Weights, check_weights
+from robosim.envs.config import MOST_CONFIG
 from robosim.errors import InputError, nearest_names, printable, shown
 from robosim.errors import name_or_path as text_of
 from robosim.files import is_regular, require_unchanged
-from robosim.texts import parse_json, read_limited
+from robosim.texts import parse_json, read_limited, read_text
 
 WEIGHTS_FILE = "policy.safetensors"
 CARD_FILE = "card.json"
@@ -30,6 +31,8 @@ CLIP_FILE = "clip.webp"
 """Beside a policy that is published: a page made of its card, and the team in motion."""
 RUN_POLICY = "policy"
 """Name of the policy folder inside a run folder."""
+RUN_CONFIG = "config.toml"
+"""Name of a run's configuration inside its folder."""
 RUN_RECORD = "finished.json"
 """Name of the last record of a run inside its folder."""
 
@@ -155,6 +158,15 @@ def team_digest(folder: Path) -> str:
         if getattr(network, name) is not None:
             digest.update(f"{name}={getattr(network, name)}".encode())
     return digest.hexdigest()
+
+
+def configuration_of(name_or_path: str | Path) -> str | None:
+    """Return the configuration of the run whose policy that is, as TOML; None for a policy outside a run."""
+    folder = find_policy(name_or_path)
+    config = folder.parent / RUN_CONFIG
+    if folder.name != RUN_POLICY or not config.is_file():
+        return None
+    return read_text(config, MOST_CONFIG, "run configuration")
 
 
 def check_run(folder: Path) -> None:

@@ -15,7 +15,7 @@ from robosim.arena import load_arena
 from robosim.control.card import MOST_BYTES, Evaluation, PolicyCard
 from robosim.control.controller import SCRIPTED
 from robosim.control.network import DRAWING
-from robosim.control.policy import RUN_RECORD, check_run
+from robosim.control.policy import RUN_CONFIG, RUN_RECORD, check_run
 from robosim.envs.config import MOST_CONFIG, MOST_STEPS, EnvConfig
 from robosim.envs.profile import CHANGED, ProfileConfig, load_profile
 from robosim.equality import EqualByValue
@@ -23,7 +23,7 @@ from robosim.errors import InputError, printable, shown, whole_number, without_c
 from robosim.experiments.jobs import CONFIG_FILE as JOB_FILE
 from robosim.experiments.jobs import WORK_FOLDER
 from robosim.experiments.results import Result, read_results
-from robosim.texts import parse_json, read_limited, read_toml
+from robosim.texts import parse_json, parse_toml, read_limited, read_toml
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +33,6 @@ TOUCHES = "touches"
 """Decisions in which robots that did not stop touched another, summed over robots, in each episode."""
 
 # As `robosim.learning.folder` names them, which takes torch to load.
-CONFIG_FILE = "config.toml"
 EVALUATION_FILE = "evaluation.json"
 METRICS_FILE = "metrics.parquet"
 
@@ -111,8 +110,11 @@ class Run:
     """What the profile says under which it was trained, as JSON; empty for none, and where options say it."""
     machine: Mapping[str, str] = field(default_factory=dict)
     """Where it ran; empty where it is not known."""
-    one_team: bool = False
-    """A team that has learned before, evaluated by itself: the seed is that of its evaluation alone."""
+    team: str = ""
+    """Which, of a team that has learned before and is evaluated by itself; empty for other runs. The seed is
+    that of its training, and of its evaluation where that is not known."""
+    episodes_seed: int | None = None
+    """Of the evaluation of such a team."""
     system: str = ""
     """Technique, and behind it the options in which it differs from others of it: see `name_systems`."""
 
@@ -127,16 +129,16 @@ def read_runs(paths: Iterable[str | Path]) -> list[Run]:
 
     A path is a run folder, a folder with run folders below it, a file of results, or a file that
     `robosim evaluate --json` wrote. A run that is found twice counts once, and the evaluations of one trained
-    team are one run: further episodes are no repetition of its training. InputError for a path without runs,
-    a run without an evaluation, two different runs of one system, task and seed, and two arenas, or two
-    profiles, of one name.
+    team are one run: further episodes are no repetition of its training. Beside the run itself they do not
+    count. InputError for a path without runs, a run without an evaluation, two different runs of one system,
+    task and seed, and two arenas, or two profiles, of one name.
     """
     runs = name_systems([run for path in paths for run in _runs_in(Path(path))])
     require_same_tasks(runs)
     _require_same("profiles", runs, lambda run: (str(run.options.get("profile")), run.learned_under))
-    found: dict[tuple[str, Task, int], Run] = {}
+    found: dict[tuple[str, Task, int, int | None], Run] = {}
     for run in runs:
-        same = found.setdefault((run.system, run.task, run.seed), run)
+        same = found.setdefault((run.system, run.task, run.seed, run.episodes_seed), run)
         if list(same.figures.get(PELLETS, ())) != list(run.figures.get(PELLETS, ())):
             raise InputError(
                 f"{same.source} and {run.source} are both {run.system} with seed {run.seed} in {run.task}, "
@@ -147,14 +149,18 @@ def read_runs(paths: Iterable[str | Path]) -> list[Run]:
 
 def _pooled(runs: Iterable[Run]) -> Iterator[Run]:
     """Yield the runs, those of one team in one task as one run with the episodes of all."""
-    teams: dict[tuple[str, Task], list[Run]] = defaultdict(list)
+    teams: dict[tuple[str, Task, str], list[Run]] = defaultdict(list)
+    whole = set()
     for run in runs:
-        if run.one_team:
-            teams[run.system, run.task].append(run)
+        if run.team:
+            teams[run.system, run.task, run.team].append(run)
         else:
+            whole.add((run.system, run.task, run.seed))
             yield run
     for evaluations in teams.values():
-        every = sorted(evaluations, key=lambda run: run.seed)
+        every = sorted(evaluations, key=lambda run: run.episodes_seed or 0)
+        if (every[0].system, every[0].task, every[0].seed) in whole:
+            continue
         first = every[0]
         figures = {name: tuple(one for run in every for one in run.figures[name]) for name in first.figures}
         yield replace(first, figures=figures, delivered=tuple(one for run in every for one in run.delivered))
@@ -228,26 +234,29 @@ def _runs_in(path: Path) -> list[Run]:
     if not path.exists():
         raise InputError(f"{path}: there is no such run folder, results file or evaluation.")
     if evaluations := read_evaluations(path):
-        return [
-            _evaluated(
-                one,
-                str(path),
-                technique=one.controller,
-                seed=one.seed,
-                one_team=one.controller not in SCRIPTED,
-            )
-            for one in evaluations
-        ]
+        return [_evaluated(one, str(path), **_team_of(one, str(path))) for one in evaluations]
     results = read_results(path)
     if not results:
         raise InputError(f"{path}: there is no result in this file.")
     return [_read_result(result, f"{path} ({result.key[:16]})") for result in results.values()]
 
 
+def _team_of(evaluation: Evaluation, source: str) -> dict[str, Any]:
+    """Return what an evaluation by itself says of its team: which run trained it, or its name alone."""
+    name, seed = evaluation.controller, evaluation.seed
+    if name in SCRIPTED:
+        return {"technique": name, "seed": seed}
+    if evaluation.trained is None:
+        return {"technique": name, "seed": seed, "team": name, "episodes_seed": seed}
+    place = f"{source}: trained"
+    fields = _described(parse_toml(evaluation.trained, place), place)
+    return {**fields, "team": f"seed {fields['seed']}", "episodes_seed": seed}
+
+
 def _runs_below(path: Path) -> list[Run]:
-    folders = [path] if (path / CONFIG_FILE).exists() else [file.parent for file in path.rglob(CONFIG_FILE)]
+    folders = [path] if (path / RUN_CONFIG).exists() else [file.parent for file in path.rglob(RUN_CONFIG)]
     if not folders:
-        raise InputError(f"{path}: there is no run in this folder: no {CONFIG_FILE} in it or below it.")
+        raise InputError(f"{path}: there is no run in this folder: no {RUN_CONFIG} in it or below it.")
     own = [folder for folder in sorted(folders) if not _is_of_sweep(folder)]
     if not own:
         raise InputError(f"{path}: the runs in this folder are those of a sweep: give its file of results.")
@@ -273,16 +282,12 @@ def _read_folder(folder: Path) -> Run:
     if len(evaluations) != 1:
         raise InputError(f"{path}: this is not the evaluation of a run.")
     (evaluation,) = evaluations
-    config = folder / CONFIG_FILE
+    config = folder / RUN_CONFIG
     tables = read_toml(config, MOST_CONFIG, "run configuration")
     arena = load_arena(str(_table(tables, "env", str(config)).get("arena", evaluation.arena)))
-    return _evaluated(
-        evaluation,
-        str(folder),
-        curve=_read_curve(folder / METRICS_FILE),
-        map=arena.text,
-        **_described(tables, str(config)),
-    )
+    described = _described(tables, str(config))
+    curve = _read_curve(folder / METRICS_FILE)
+    return _evaluated(evaluation, str(folder), curve=curve, map=arena.text, **described)
 
 
 def read_evaluations(path: Path) -> list[Evaluation]:
@@ -404,6 +409,7 @@ def _described(config: Mapping[str, Any], place: str) -> dict[str, Any]:
                 # As above: said by all runs.
                 table = {**table, "profile": changed}
                 options |= {"profile": profile} if "algorithm" in config else {}
+                options |= _trained_in(table, place) if "algorithm" in config else {}
             names = _NAMES.get(group, {})
             options |= {names.get(path, ".".join(path)): value for path, value in _leaves(table)}
     options = {name: value for name, value in options.items() if name not in _OF_TASK}
@@ -413,6 +419,15 @@ def _described(config: Mapping[str, Any], place: str) -> dict[str, Any]:
         "options": options,
         "learned_under": learned_under,
     }
+
+
+def _trained_in(env: Mapping[str, Any], place: str) -> dict[str, str]:
+    """Return the option that tells a team which learned elsewhere from one that learned in its task."""
+    try:
+        arena = load_arena(str(env.get("arena"))).name
+    except InputError as error:
+        raise InputError(f"{place}: env.arena: {error}") from None
+    return {"trained_in": f"{arena}{'-grid' * (env.get('world') == 'grid')}-{env.get('robots')}"}
 
 
 def _learned_under(given: object, place: str) -> tuple[str, str, dict[str, Any]]:

@@ -19,7 +19,7 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from robosim.control.card import MOST, MOST_BYTES, Count, Evaluation, read_evaluation
-from robosim.control.policy import CARD_FILE, RUN_POLICY, RUN_RECORD, WEIGHTS_FILE
+from robosim.control.policy import CARD_FILE, RUN_CONFIG, RUN_POLICY, RUN_RECORD, WEIGHTS_FILE
 from robosim.envs.config import MOST_CONFIG
 from robosim.errors import InputError, printable, shown
 from robosim.files import (
@@ -35,7 +35,7 @@ from robosim.learning.checkpoint import is_checkpoint_file, remove_checkpoints
 from robosim.learning.config import RunConfig, read_config, write_config
 from robosim.texts import parse_json, read_limited, read_text, read_toml
 
-CONFIG_FILE = "config.toml"
+CONFIG_FILE = RUN_CONFIG
 METRICS_FILE = "metrics.parquet"
 EVALUATION_FILE = "evaluation.json"
 COMMAND_FILE = "command.txt"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from robosim.arena import load_arena
+from robosim.cli.main import main
 from robosim.control.controller import make_controller
 from robosim.control.evaluate import evaluate
 from robosim.envs.config import EnvConfig
@@ -25,11 +26,7 @@ TASK = Task("paper", "grid", 300, 2)
 
 
 def test_files_are_named_as_a_run_names_them():
-    assert (module.CONFIG_FILE, module.EVALUATION_FILE, module.METRICS_FILE) == (
-        names.CONFIG_FILE,
-        names.EVALUATION_FILE,
-        names.METRICS_FILE,
-    )
+    assert (module.EVALUATION_FILE, module.METRICS_FILE) == (names.EVALUATION_FILE, names.METRICS_FILE)
 
 
 def test_a_training_is_read_as_it_was(tmp_path):
@@ -370,3 +367,37 @@ def test_evaluations_of_one_trained_team_are_one_run_and_of_a_script_several(tmp
     assert team.delivered == tuple(tuple(one) for found in totals for one in found)
     assert len(team.figures["pellets"]) == len(team.figures["touches"]) == 6
     assert [run.seed for run in by_name["lanes"]] == [1, 2]
+
+
+def test_trainings_evaluated_elsewhere_are_seeds_of_one_system(tmp_path):
+    """As `robosim evaluate --json` names the run; further episodes of one team are no other seed."""
+
+    def trained(seed, **options):
+        config = run_config(
+            "iql", **{"arena": "paper-grid", "world": "grid", "robots": 1, **options}, steps=12, num_envs=1,
+            episode_steps=8, warmup=4, hidden=(8,), evaluation_steps=10, evaluation_episodes=1, seed=seed,
+        )  # fmt: skip
+        folder = tmp_path / f"{seed}-{'-'.join(map(str, options.values()))}"
+        train(config, folder, lambda row: None)
+        return folder
+
+    def evaluated(folder, seed=0, episodes=1):
+        file = tmp_path / f"{folder.name}-{seed}.json"
+        where = ["--arena", "long", "--world", "grid", "--steps", "10", "--seed", str(seed)]
+        assert main(["evaluate", str(folder), *where, "--episodes", str(episodes), "--json", str(file)]) == 0
+        return file
+
+    first, second = trained(0), trained(1)
+    files = [evaluated(first, 0), evaluated(first, 5, 2), evaluated(second)]
+    runs = read_runs(files)
+    assert [(run.system, run.seed, len(run.delivered)) for run in runs] == [("iql", 0, 3), ("iql", 1, 1)]
+    assert runs[0].task == Task("long", "grid", 10, 1)
+    elsewhere = evaluated(trained(0, arena="long"))
+    systems = {run.system for run in read_runs([*files, elsewhere])}
+    assert systems == {"iql trained_in=paper-grid-grid-1", "iql trained_in=long-grid-1"}
+    # Beside the run itself the evaluation of its team is no second one.
+    own = trained(0, robots=2)
+    again = tmp_path / "again.json"
+    assert main(["evaluate", str(own), "--steps", "10", "--episodes", "2", "--json", str(again)]) == 0
+    (run,) = read_runs([own, again])
+    assert run.source == str(own)
