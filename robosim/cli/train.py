@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -38,6 +38,7 @@ _NOT_GIVEN = (
     ("env", "profile", "description"),
 )
 """Fields that are no options: they say what the others are."""
+_OF_CURRICULUM = {"first_team", "first_share", "newcomer", "fine_tune", "steady_gain"}
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,8 @@ class Train:
     """Preset that the other options start from (docs/learning.md lists them). It also says which algorithm's
     options there are."""
     out: Path | None = None
-    """New or empty folder for the run; by default runs/ARENA-ROBOTS-TECHNIQUE-SEED, or
-    runs/mixed-TECHNIQUE-SEED."""
+    """New or empty folder for the run; by default runs/ARENA-ROBOTS-TECHNIQUE-SEED, runs/mixed-TECHNIQUE-SEED
+    with several arenas, and either with -grid behind it in the grid world."""
     resume: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None
     """Folder of an interrupted run to go on with, just as it was configured."""
     live: bool = False
@@ -69,7 +70,9 @@ class Train:
         else:
             from robosim.learning.config import run_config
 
-            config = run_config(self.technique, profile=self._profile(), **dict(self._changed()))
+            given = dict(self._changed())
+            config = run_config(self.technique, profile=self._profile(), **given)
+            _refuse_options_without_effect(config, given)
             begin(config, self.out or _run_folder(config), self.resume_if_present, live=self.live)
 
     def _profile(self) -> ProfileConfig | None:
@@ -154,6 +157,22 @@ def _refuse_options_of_others(config: RunConfig, technique: str, arguments: Sequ
             )
 
 
+def _refuse_options_without_effect(config: RunConfig, given: Collection[str]) -> None:
+    """Raise InputError for an option that only matters together with another one, which is not there."""
+    of_map = {
+        name for name, option in config.own_options().items() if option.path[:2] == ("env", "pheromone")
+    }
+    for names, matters, needed in (
+        (_OF_CURRICULUM, config.schedule.curriculum, "--curriculum"),
+        (of_map, config.env.stigmergy, "--stigmergy"),
+        ({"record_steps"}, config.run.record_every, "--record-every"),
+    ):
+        if (idle := sorted(names & set(given))) and not matters:
+            raise InputError(
+                f"{_flag(idle[0])} changes nothing without {needed}: leave it out, or give both."
+            )
+
+
 def begin(config: RunConfig, folder: Path, resume_if_present: bool = False, *, live: bool = False) -> None:
     """Train, with a progress display, and fill the run folder, or go on with the run that is in it.
 
@@ -225,7 +244,8 @@ def _shown(config: RunConfig, folder: Path, work: Callable[[Report], TrainResult
 
 def _run_folder(config: RunConfig) -> Path:
     team = f"{Path(config.env.arena).stem}-{config.env.robots}" if config.variety is None else "mixed"
-    return Path("runs") / f"{team}-{config.run.technique}-{config.run.seed}"
+    world = "" if config.env.world == "physics" else f"-{config.env.world}"
+    return Path("runs") / f"{team}-{config.run.technique}-{config.run.seed}{world}"
 
 
 def _value_of(flag: str, arguments: Sequence[str]) -> str | None:

@@ -82,6 +82,34 @@ def test_an_option_that_there_is_not_is_a_sentence(options, sentence, capsys):
     assert capsys.readouterr().err == f"robosim: {sentence}\n"
 
 
+@pytest.mark.parametrize(
+    ("options", "idle", "needed"),
+    [
+        (["--fine-tune", "0.5"], "--fine-tune", "--curriculum"),
+        (["--technique", "smadrl", "--no-curriculum", "--newcomer", "copy"], "--newcomer", "--curriculum"),
+        (["--no-stigmergy", "--pheromone-radius", "1"], "--pheromone-radius", "--stigmergy"),
+        (["--record-steps", "9"], "--record-steps", "--record-every"),
+    ],
+)
+def test_an_option_that_changes_nothing_is_refused(options, idle, needed, tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert main(["train", "--out", str(folder), *options]) == 2
+    said = f"robosim: {idle} changes nothing without {needed}: leave it out, or give both."
+    assert capsys.readouterr().err.splitlines()[-1] == said
+    assert not folder.exists()
+
+
+def test_the_folder_says_in_which_world_a_team_learned(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    options = ["--steps", "4", "--evaluation-episodes", "0", "--robots", "1", "--technique", "iql"]
+    for world in ("physics", "grid"):
+        assert main(["train", "--arena", "paper-grid", "--world", world, *TINY, *options]) == 0
+    assert {path.name for path in (tmp_path / "runs").iterdir()} == {
+        "paper-grid-1-iql-0",
+        "paper-grid-1-iql-0-grid",
+    }
+
+
 def test_without_options_it_is_the_default_technique_in_the_default_arena():
     given = parse(["train", "--technique", "ps-dqn", "--arena", "paper"])
     assert asdict(parse(["train"])) == asdict(given)
