@@ -31,6 +31,7 @@ from robosim.learning.config import (
 from robosim.learning.technique import TECHNIQUES, find_technique
 from robosim.records import Many, Record, sentence
 from robosim.texts import parse_toml, read_toml
+from robosim.world.factory import WorldKind, room_in
 
 MOST_RUNS = 10_000
 _MOST_VALUES = 1000
@@ -314,6 +315,7 @@ class _Builder:
     def __init__(self, measuring: Measuring) -> None:
         self._measuring = measuring
         self._arenas: dict[str, str] = {}
+        self._rooms: dict[tuple[WorldKind, str, float | None], tuple[str, int]] = {}
         self._check = OptionCheck()
 
     def job(self, options: Mapping[str, Any]) -> Job:
@@ -326,7 +328,10 @@ class _Builder:
         if team in SCRIPTED or team.startswith(POLICY):
             return self._measured(team, options)
         _require_technique(team)
-        return learning_job(self_contained(run_config(**options)), self._measuring)
+        config = self_contained(run_config(**options))
+        if config.variety is None:
+            self._require_room(config.env)
+        return learning_job(config, self._measuring)
 
     def _measured(self, team: str, options: Mapping[str, Any]) -> Job:
         """Return the job that only measures: it takes the options of the environment, and the seed."""
@@ -337,7 +342,19 @@ class _Builder:
             env = env_of_policy(team, options)
         else:
             env = TRAINING_ENV.with_options(**{n: value for n, value in options.items() if n in of_env})
+        self._require_room(env)
         return measuring_job(team, env, seed, self._measuring)
+
+    def _require_room(self, env: EnvConfig) -> None:
+        """Raise InputError for more robots than the arena has room for: now, and not in the run's turn."""
+        where = env.world, env.arena, env.keep_distance
+        if where not in self._rooms:
+            arena = load_arena(env.arena)
+            self._rooms[where] = arena.name, room_in(env.world, arena, env.keep_distance)
+        name, room = self._rooms[where]
+        if env.robots > room:
+            allowed = f"a whole number from 1 to {room}, the room in arena {name!r}"
+            raise refused("robots", env.robots, allowed)
 
     def _whole_arena(self, arena: str) -> str:
         """Return an arena's name where it ships, and its text else."""

@@ -283,6 +283,11 @@ def test_keys_do_not_change_when_an_optional_part_is_left_out():
             "where 1: trials has seed=2 steps=1 twice.",
         ),
         ("[[where]]\nmatch = {}\ntrials = [{}, {}]", "where 1: trials has an empty table twice."),
+        (
+            '[options]\nrobots = 25\nworld = "grid"',
+            "options: robots is 25, but must be a whole number from 1 to 24, the room in arena 'paper'.",
+        ),
+        ('[options]\ntechnique = "lanes"\nrobots = 999', "options: robots is 999, but must be a whole number "),
         ('[options]\narena = "papr"', "options: No arena is named 'papr': did you mean paper"),
     ],
 )  # fmt: skip
