@@ -17,10 +17,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robosim.cli.main import exit_code
 from robosim.control.card import PolicyCard
-from robosim.control.network import Weights
 from robosim.control.policy import load_policy, save_policy
 from robosim.errors import InputError
 
@@ -48,7 +48,7 @@ def widen(policy: str | Path, hidden: Sequence[int], out: str | Path, seed: int 
     rng = np.random.default_rng(seed)
     sizes = [network.inputs, *hidden]
     before = read.weights()
-    wider: Weights = {}
+    wider: dict[str, NDArray[np.floating]] = {}
     for layer in range(len(sizes)):
         old, bias = before[f"layer{layer}.weight"], before[f"layer{layer}.bias"]
         outputs = hidden[layer] if layer < len(hidden) else old.shape[2]

@@ -287,7 +287,7 @@ def test_keys_do_not_change_when_an_optional_part_is_left_out():
             '[options]\nrobots = 25\nworld = "grid"',
             "options: robots is 25, but must be a whole number from 1 to 24, the room in arena 'paper'.",
         ),
-        ('[options]\ntechnique = "lanes"\nrobots = 999', "options: robots is 999, but must be a whole number "),
+        ('[options]\ntechnique = "lanes"\nrobots = 999', "options: robots is 999, but must be "),
         ('[options]\narena = "papr"', "options: No arena is named 'papr': did you mean paper"),
     ],
 )  # fmt: skip
