@@ -34,6 +34,7 @@ from robosim.cli.technique import Technique
 from robosim.cli.train import Train, train_command
 from robosim.cli.view import View
 from robosim.errors import IncompleteError, InputError, nearest_names, printable, shown
+from robosim.plugins import load_plugins
 
 DESCRIPTION = """Robot teams in confined spaces: simulate, train, evaluate, play back.
 
@@ -76,7 +77,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = [argument for argument in arguments if argument != "--debug"]
     if arguments[:1] == ["--version"]:
         return exit_code(_print_version, debug)
-    return exit_code(lambda: parse(arguments).run(), debug)
+
+    def run() -> None:
+        load_plugins()
+        parse(arguments).run()
+
+    return exit_code(run, debug)
 
 
 def exit_code(action: Callable[[], None], debug: bool) -> int:

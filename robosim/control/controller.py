@@ -67,6 +67,14 @@ SCRIPTED: dict[str, Callable[[], Controller]] = {
 """Scripted controllers by name."""
 
 
+def register_controller(name: str, make: Callable[[], Controller]) -> None:
+    """Make a scripted controller known by a name, in the place of any that had it.
+
+    `make` returns a new one.
+    """
+    SCRIPTED[name] = make
+
+
 def make_controller(name_or_path: str | Path) -> Controller:
     """Return a scripted controller by name, else a policy that ships by name, else one by its folder.
 

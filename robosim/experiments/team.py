@@ -24,6 +24,7 @@ from robosim.errors import InputError, refused, shown
 from robosim.experiments.jobs import Job, Outcome, Report, ignore
 from robosim.experiments.measures import evaluation_figures, evaluation_series, learning_curve
 from robosim.learning.config import EVALUATION_SEED, RunConfig, child_seed
+from robosim.plugins import load_plugins
 from robosim.records import Record
 
 POLICY = "policy:"
@@ -149,6 +150,8 @@ def work_off(config: Mapping[str, Any], folder: Path, report: Report = ignore) -
     A training that an earlier call began goes on, to the same bits as if never interrupted. InputError where
     a policy that the job needs is no longer the one that it was made for.
     """
+    # The job may be in a process that has seen nothing of them.
+    load_plugins()
     measuring = Measuring.from_table(config["evaluation"], "the job's evaluation")
     seed, team = int(config["run"]["seed"]), str(config["run"]["technique"])
     if "algorithm" not in config:

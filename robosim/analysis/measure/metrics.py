@@ -326,7 +326,7 @@ def clog_durations(episode: Episode, transits: float = TRANSITS) -> Floats:
     return np.array([(clog.end - clog.start) * period for clog in clogs(episode, transits)])
 
 
-METRICS: tuple[Metric, ...] = (
+METRICS: list[Metric] = [
     Metric("pellets", "", pellets),
     Metric("pellets in 1000 decisions", "", pellet_rate),
     Metric("Gini coefficient of the workload", "", workload_gini),
@@ -358,7 +358,13 @@ METRICS: tuple[Metric, ...] = (
     Metric("time clogged", "", clogged_share),
     Metric("clog duration, mean", "s", clog_duration),
     Metric("clog duration, longest", "s", longest_clog),
-)
+]
+
+
+def register_metric(metric: Metric) -> Metric:
+    """Have a metric in every report, behind those that ship; returns it."""
+    METRICS.append(metric)
+    return metric
 
 
 def summarise(episodes: Sequence[Episode]) -> list[Summary]:
