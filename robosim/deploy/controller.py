@@ -166,7 +166,7 @@ class Controller:
         stopped = np.array([bool(reason) for reason in reasons])
         period = self._periods if period is None else period
         decision = period // self.arena.timing.control_steps
-        begins = decision != self._decision
+        anew, begins = self._decision == NOT_BEGUN, decision != self._decision
         if begins:
             self._decide(readings, stopped, decision)
             if self._emergency and not stopped.all():
@@ -183,7 +183,11 @@ class Controller:
         )
         if self._log is not None:
             observed = self._observed if begins else ""
-            self._log.add(period, readings, now, command, self._emergency, observed, self._resumed)
+            self._log.add(
+                *(period, readings, now, command, self._emergency, observed),
+                begins=anew,
+                resumed=self._resumed,
+            )
         self._resumed = False
         return command
 

@@ -80,11 +80,14 @@ class DecisionLog:
         command: Command,
         emergency: str,
         observed: str,
-        resumed: bool = False,
+        *,
+        begins: bool,
+        resumed: bool,
     ) -> None:
         """Write the line of a control period; `observed` is the SHA-256 of a decision's observations.
 
-        `resumed` says that an emergency stop was ended since the line before.
+        `begins` says that the controller is new, or was reset since the line before, and `resumed` that an
+        emergency stop was ended since then.
         """
         self._begun = True
         line: dict[str, Any] = {
@@ -101,6 +104,7 @@ class DecisionLog:
             "stopped": list(command.stopped),
             "unstopped": _listed(command.unstopped),
             "emergency": emergency,
+            "begins": begins,
             "resumed": resumed,
         }
         if command.actions is not None:
@@ -162,6 +166,7 @@ class _Line(Record):
     stopped: Many[str]
     unstopped: _Flags
     emergency: str
+    begins: bool
     resumed: bool
     actions: Many[int] | None = None
     observation: str = Field(default="", max_length=64)
@@ -184,6 +189,8 @@ class Logged(EqualByValue):
     unstopped: NDArray[np.bool_]
     """[robots] an emergency stop could not be seen to hold this robot."""
     emergency: str
+    begins: bool
+    """A run begins with it: the controller was new, or had been reset."""
     resumed: bool
     """An emergency stop was ended since the period before."""
     actions: NDArray[np.int64] | None
@@ -262,11 +269,9 @@ def run_again(path: str | Path, controller: Controller) -> Iterator[tuple[Logged
         raise InputError(
             f"{path}: its pheromone map was kept elsewhere, so the run cannot be commanded again."
         )
-    before = -1
     for logged in log.periods:
-        if logged.period <= before:
+        if logged.begins:
             controller.reset()
-        before = logged.period
         if logged.resumed:
             controller.resume()
         if logged.emergency and logged.emergency != controller.emergency:
@@ -297,6 +302,7 @@ def _logged(line: _Line, head: LogHead, place: str) -> Logged:
         stopped=tuple(printable(reason, LONGEST_REASON) for reason in line.stopped),
         unstopped=arrays["unstopped"],
         emergency=printable(line.emergency, LONGEST_REASON),
+        begins=line.begins,
         resumed=line.resumed,
         actions=actions,
         observation=line.observation,

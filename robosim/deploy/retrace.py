@@ -68,7 +68,7 @@ class Retrace:
         InputError for a line that no controller has written.
         """
         began: float | None = None
-        before: Logged | None = None
+        number = 1
         for number, logged in enumerate(self._periods, 2):
             place = f"{self._path}: line {number}"
             began = logged.now if began is None else began
@@ -76,17 +76,17 @@ class Retrace:
                 raise refused(f"{place}: now", logged.now, f"within {LONGEST:g} s of the first line's")
             # Whatever a tracker said is in the log, and numbers without bounds may overflow.
             with np.errstate(over="ignore", invalid="ignore"):
-                begins = before is None or (logged.period < before.period and logged.actions is not None)
-                self._take(logged, place, begins=begins)
-                frame = self._frame(logged, logged.now - began, begins=begins)
+                if number == 2 and not logged.begins:
+                    raise InputError(f"{place}: no run begins with the first control period.")
+                self._take(logged, place)
+                frame = self._frame(logged, logged.now - began)
             yield frame
-            before = logged
-        if before is None:
+        if number == 1:
             raise InputError(f"{self._path}: holds no control period.")
 
-    def _take(self, logged: Logged, place: str, *, begins: bool) -> None:
+    def _take(self, logged: Logged, place: str) -> None:
         """Do what the controller did in a period."""
-        team, readings = self._team, logged.readings
+        team, readings, begins = self._team, logged.readings, logged.begins
         on_map = team.on_map(readings.pose)
         if begins and not on_map.all():
             raise InputError(f"{place}: robot {int(np.argmin(on_map))} is not on the map as a run begins.")
@@ -115,7 +115,7 @@ class Retrace:
             self.first_unlike = self.decisions
         self.decisions += 1
 
-    def _frame(self, logged: Logged, time: float, *, begins: bool) -> ControlFrame:
+    def _frame(self, logged: Logged, time: float) -> ControlFrame:
         team, readings = self._team, logged.readings
         on_map = team.on_map(np.column_stack([readings.pellet, np.zeros(len(readings.pellet))]))
         own_map = self.head.map == "own"
@@ -123,7 +123,7 @@ class Retrace:
             step=self.decisions - 1,
             time=time,
             decides=logged.actions is not None,
-            begins=begins,
+            begins=logged.begins,
             pose=team.pose,
             age=logged.now - readings.time,
             mode=team.shown_mode,

@@ -1,6 +1,7 @@
 """A controller's log explains every command, and never stands in the way of one."""
 
 import json
+from contextlib import closing
 
 import pytest
 from numpy.testing import assert_array_equal
@@ -44,6 +45,30 @@ def test_a_run_is_commanded_again_from_its_log_to_the_last_bit(tmp_path):
     again.close()
     # All of it: what robots observed, too.
     assert (tmp_path / "again.jsonl").read_text() == (tmp_path / "run.jsonl").read_text()
+
+
+def test_a_log_tells_a_run_that_begins_from_a_period_that_is_given_twice(tmp_path):
+    """By a line's own word: the number of its period is the same either way."""
+    with closing(DecisionLog(tmp_path / "run.jsonl")) as log:
+        controller = Controller(load_policy("paper-2"), log=log, name="paper-2")
+        robots = SimulatedRobots(controller.config, seed=4)
+        for period, resets in [(0, False), (0, True), (0, False), (1, False), (2, False), (2, False)]:
+            if resets:
+                controller.reset()
+            robots.obey(controller.step(robots.readings(), robots.now, period))
+    assert [one.begins for one in read_log(tmp_path / "run.jsonl")] == [
+        True,
+        True,
+        False,
+        False,
+        False,
+        False,
+    ]
+    for logged, command in run_again(tmp_path / "run.jsonl", Controller(load_policy("paper-2"))):
+        assert_array_equal(logged.wheel_speeds, command.wheel_speeds)
+    retrace = Retrace(tmp_path / "run.jsonl")
+    assert [frame.begins for frame in retrace.frames()] == [True, True, False, False, False, False]
+    assert (retrace.decisions, retrace.vouched) == (2, 2)
 
 
 def test_other_weights_do_not_explain_a_log(tmp_path):

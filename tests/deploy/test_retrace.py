@@ -86,6 +86,7 @@ def test_without_a_map_of_its_own_none_is_worked_out(tmp_path):
         (2, {"pose": [[0.5], []]}, "line 2: pose is [[0.5], []], but must be numbers in the shape [2, 3]."),
         (2, {"actions": [0, 5]}, "line 2: actions is [0, 5], but must be whole numbers from 0 to 4."),
         (2, {"actions": None}, "line 2: a run begins without a decision."),
+        (2, {"begins": False}, "line 2: no run begins with the first control period."),
         (2, {"pose": [[0.7, 0.5, 0], [-1, 0, 0]]}, "line 2: robot 1 is not on the map as a run begins."),
         (3, {"now": 1e300}, "line 3: now is 1e+300, but must be within 1e+09 s of the first line's."),
         (3, {"stopped": [""]}, 'line 3: stopped is [""], but must be a list of 2 texts.'),
