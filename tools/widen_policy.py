@@ -11,6 +11,7 @@ have to be torn apart by noise.
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
 import sys
 from collections.abc import Sequence
@@ -62,7 +63,9 @@ def widen(policy: str | Path, hidden: Sequence[int], out: str | Path, seed: int 
         wider[f"layer{layer}.bias"] = drawn
     command = ["python", "tools/widen_policy.py", str(policy), "--hidden", *map(str, hidden)]
     command += ["--seed", str(seed), "--out", str(out)]
+    technique = read.card.technique
     card = read.card.changed(
+        technique=technique.changed(facts={**technique.facts, "hidden": json.dumps(list(hidden))}),
         network=network.changed(hidden=tuple(hidden)),
         training=read.card.training.changed(command=shlex.join(command), stages=()),
         evaluation=None,

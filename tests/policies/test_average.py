@@ -6,26 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robosim.control.card import TrainingCard, card_for
-from robosim.control.network import NetworkSpec
-from robosim.control.policy import load_policy, save_policy
-from robosim.envs.vector import VectorEnv
+from robosim.control.policy import load_policy
 from robosim.errors import InputError
+from tests.policies.made import make_policy
 
 TOOL = Path(__file__).parent.parent.parent / "tools" / "average_policies.py"
 spec = importlib.util.spec_from_file_location("average_policies", TOOL)
 tool = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(tool)
-
-
-def make_policy(folder, seed, hidden=(8,), technique="ps-ippo", **drawing):
-    env = VectorEnv("paper", robots=2)
-    network = NetworkSpec(inputs=env.layout.size, hidden=hidden, of_robot=(0, 0), **drawing)
-    rng = np.random.default_rng(seed)
-    weights = {name: rng.normal(size=shape).astype(np.float32) for name, shape in network.shapes.items()}
-    training = TrainingCard(command="robosim train", seed=seed, steps=10 + seed, wall_time=1.5, versions={})
-    save_policy(folder, weights, card_for(env, network, weights, technique, training))
-    return folder
 
 
 def test_weights_are_the_mean_and_the_card_says_of_what(tmp_path, capsys):
