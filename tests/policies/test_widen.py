@@ -38,14 +38,17 @@ def test_wider_networks_say_the_same_and_their_new_units_can_learn(tmp_path, hid
 def test_what_cannot_be_widened_is_refused_and_nothing_is_written(tmp_path):
     narrow = make_policy(tmp_path / "narrow", 1, (8, 6))
     normalised = make_policy(tmp_path / "normalised", 1, (8, 6), normalisation="rms")
+    said = (
+        f"{normalised}: its networks normalise hidden layers (rms), which new units change: only networks "
+        "without normalisation can be widened."
+    )
     for policy, hidden, sentence in (
         (narrow, (8,), "hidden is 8: there must be 2 widths, none less than 8 6."),
         (narrow, (8, 5), "hidden is 8 5: there must be 2 widths, none less than 8 6."),
         (
             normalised,
             (8, 8),
-            f"{normalised}: its networks normalise hidden layers (rms), which new units change: only "
-            + "networks without normalisation can be widened.",
+            said,
         ),
     ):
         with pytest.raises(InputError) as caught:
