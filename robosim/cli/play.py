@@ -248,13 +248,28 @@ class Play:
     def _film(self, frames: Iterable[Frame], arena: Arena, decisions: int) -> None:
         from robosim.analysis.film import film
         from robosim.envs.render import LONG_SIDE
+        from robosim.learning.interrupts import hold_interrupts
 
         assert self.video is not None  # noqa: S101  # who calls has made sure, which mypy cannot know
         speed = self.speed or 1.0
-        with _show_progress(decisions, "filming") as on_step:
-            film(_told(frames, on_step), arena, self.video, speed=speed, long_side=self.size or LONG_SIDE)
-        seconds, size = decisions * arena.timing.decision_period, self.video.stat().st_size / 1e6
-        print(f"{self.video}: {decisions} decisions, {seconds:.0f} s at speed {speed:g}, {size:.1f} MB")
+        filmed = 0
+
+        def until_interrupted() -> Iterator[Frame]:
+            nonlocal filmed
+            for frame in frames:
+                filmed = frame.step
+                yield frame
+                if interrupted():
+                    return
+
+        # What has been filmed is kept, however long the film was meant to be.
+        with hold_interrupts() as interrupted, _show_progress(decisions, "filming") as on_step:
+            told = _told(until_interrupted(), on_step)
+            film(told, arena, self.video, speed=speed, long_side=self.size or LONG_SIDE)
+        seconds, size = filmed * arena.timing.decision_period, self.video.stat().st_size / 1e6
+        print(f"{self.video}: {filmed} decisions, {seconds:.0f} s at speed {speed:g}, {size:.1f} MB")
+        if filmed < decisions:
+            raise KeyboardInterrupt
 
     def _run_log(self) -> None:
         """Record what the log of a controller tells."""

@@ -1,4 +1,6 @@
 import json
+import re
+import signal
 import subprocess
 import sys
 
@@ -323,3 +325,25 @@ def test_without_a_name_no_recording_is_overwritten(tmp_path, monkeypatch):
     for _ in range(2):
         assert main(["play", "random", "--robots", "1", "--steps", "2"]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {"run.rrd", "run-2.rrd"}
+
+
+def test_an_interrupted_film_is_kept_as_far_as_it_came(tmp_path):
+    """In a process of its own that hears Ctrl-C."""
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    code += "import sys; from robosim.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "play", "lanes", "--steps", "2900", "--speed", "16", "--size", "200",
+         "--video", "run.webp"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    first = process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert first.startswith("filming step ")
+    assert (process.returncode, err) == (130, "robosim: interrupted\n")
+    said = re.fullmatch(r"run\.webp: (\d+) decisions, \d+ s at speed 16, \d\.\d MB", out.splitlines()[-1])
+    filmed = int(said[1])
+    assert 0 < filmed < 2900
+    # A picture for two decisions at this speed, and one of the start.
+    with Image.open(tmp_path / "run.webp") as film:
+        assert abs(film.n_frames - filmed / 2) <= 2
