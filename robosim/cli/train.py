@@ -181,6 +181,9 @@ def begin(config: RunConfig, folder: Path, resume_if_present: bool = False, *, l
     from robosim.learning.trainer import train, train_or_resume
 
     command = shlex.join(["robosim", *sys.argv[1:]])[:2000]
+    warmup, steps = getattr(config.algorithm, "warmup", 0), config.schedule.steps
+    if warmup >= steps and config.variety is None:
+        _warn(f"Nothing will be learned: warmup is {warmup} decisions, and steps only {steps}.")
     with _watching(config, folder, live) as watch:
 
         def work(report: Report) -> TrainResult:

@@ -176,3 +176,12 @@ def test_the_same_command_may_be_given_again_until_the_run_is_finished(tmp_path,
         f"robosim: {folder}: run.seed is 0 in the run that this folder holds, not 1; "
         "a run of its own needs a folder of its own.\n"
     )
+
+
+def test_a_run_too_short_to_learn_in_says_so(tmp_path, capsys):
+    options = ["--steps", "20", "--evaluation-episodes", "0"]
+    assert main(["train", "--out", str(tmp_path / "run"), *TINY, *options]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == "Nothing will be learned: warmup is 40 decisions, and steps only 20."
+    assert main(["train", "--out", str(tmp_path / "other"), *TINY, *options, "--warmup", "4"]) == 0
+    assert "Nothing will be learned" not in capsys.readouterr().err
