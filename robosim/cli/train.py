@@ -181,9 +181,6 @@ def begin(config: RunConfig, folder: Path, resume_if_present: bool = False, *, l
     from robosim.learning.trainer import train, train_or_resume
 
     command = shlex.join(["robosim", *sys.argv[1:]])[:2000]
-    warmup, steps = getattr(config.algorithm, "warmup", 0), config.schedule.steps
-    if warmup >= steps and config.variety is None:
-        _warn(f"Nothing will be learned: warmup is {warmup} decisions, and steps only {steps}.")
     with _watching(config, folder, live) as watch:
 
         def work(report: Report) -> TrainResult:
@@ -239,6 +236,9 @@ def _shown(config: RunConfig, folder: Path, work: Callable[[Report], TrainResult
             print(f"Stopped; go on with: {hint('train', '--resume', folder)}")
         raise
     print(f"{result.steps} joint decisions in {result.wall_time:.0f} s; run folder {folder}")
+    warmup = getattr(config.algorithm, "warmup", 0)
+    if warmup >= steps and config.variety is None:
+        _warn(f"Nothing was learned: warmup is {warmup} decisions, and steps only {steps}.")
     if result.evaluation is not None:
         from robosim.cli.evaluate import summary
 

@@ -18,13 +18,16 @@ MIXED = """
 world = "grid"
 [vary]
 technique = ["lanes", "active"]
-robots = [2, 3, 900]
+robots = [2, 3, 4]
 [[where]]
 match = { technique = "active", robots = 3 }
 skip = "too many"
 [[where]]
-match = { technique = "lanes", robots = 900 }
+match = { technique = "lanes", robots = 4 }
 skip = "too many"
+[[where]]
+match = { technique = "active", robots = 4 }
+options = { actions = "wheels" }
 [evaluation]
 episodes = 2
 steps = 60
@@ -56,10 +59,10 @@ def test_a_dry_run_says_what_there_is_to_do_and_does_nothing(sweep, capsys):
     assert capsys.readouterr().out.splitlines() == [
         "to do    technique=lanes robots=2",
         "to do    technique=lanes robots=3",
-        "skipped  technique=lanes robots=900: too many",
+        "skipped  technique=lanes robots=4: too many",
         "to do    technique=active robots=2",
         "skipped  technique=active robots=3: too many",
-        "to do    technique=active robots=900",
+        "to do    technique=active robots=4",
         "0 done, 4 to do, 2 skipped",
         "no run is done yet that would tell how long the rest takes",
     ]
@@ -85,12 +88,12 @@ def test_a_run_that_cannot_be_done_is_said_and_the_others_are_done_and_not_done_
     assert main(["sweep", str(sweep), *out, "--workers", "2"]) == 1
     said = capsys.readouterr()
     assert (
-        "technique=active robots=900  failed: robots is 900, but must be a whole number from 1 to "
+        "technique=active robots=4  failed: active: drives by cardinal actions only, and the environment's "
         in said.out
     )
     assert f"3 runs done, 2 skipped; results in {folder / 'mixed.results.jsonl'}" in said.out
     first, last = said.err.splitlines()
-    assert first.startswith("technique=active robots=900: robots is 900, but must be a whole number from ")
+    assert first.startswith("technique=active robots=4: active: drives by cardinal actions only, and ")
     assert last == "robosim: 1 run failed; the same command tries again."
 
     found = read_results(folder / "mixed.results.jsonl")
@@ -113,9 +116,9 @@ def test_a_run_that_cannot_be_done_is_said_and_the_others_are_done_and_not_done_
     assert listed[7].endswith(" by the 3 runs done")
 
     # What is left out now tells, too, how long the rest takes.
-    assert main(["sweep", str(sweep), "--dry-run", "--only", "robots=900,technique=active"]) == 0
+    assert main(["sweep", str(sweep), "--dry-run", "--only", "robots=4,technique=active"]) == 0
     listed = capsys.readouterr().out.splitlines()
-    assert listed[:2] == ["to do    technique=active robots=900", "0 done, 1 to do, 0 skipped"]
+    assert listed[:2] == ["to do    technique=active robots=4", "0 done, 1 to do, 0 skipped"]
     assert listed[2].startswith("about 0:")
     assert listed[2].endswith(" by the 3 runs done")
 
