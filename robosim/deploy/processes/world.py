@@ -211,7 +211,10 @@ class WorldProcess:
         """Say that the run is over, often enough for everybody to hear it."""
         for _ in range(5):
             self._publish_clock(Stage.OVER)
-            self._pump(HEARTBEAT / 2)
+            due = time.monotonic() + HEARTBEAT / 2
+            # Any message ends a wait for mail, and robots go on speaking.
+            while (left := due - time.monotonic()) > 0.0:
+                self._pump(left)
 
     def _say_progress(self, wall: float) -> None:
         now = self._engine.now

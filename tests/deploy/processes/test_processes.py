@@ -11,6 +11,7 @@ import pytest
 from robosim.cli.main import main
 from robosim.control.policy import load_policy
 from robosim.deploy.controller import Controller
+from robosim.deploy.link.disturbance import Disturbance
 from robosim.deploy.link.lines import Lines
 from robosim.deploy.link.mail import Letter, Mail
 from robosim.deploy.link.messages import (
@@ -208,6 +209,27 @@ def test_the_picture_shows_what_robots_do_that_read_no_pheromones(link_config, w
     assert frames[-1][1] == [Cardinal.NORTH] * 2
     # Against the wall a robot is now in collision, now not.
     assert all(any(mode[robot] == Mode.COLLISION for mode, _ in frames) for robot in range(2))
+
+
+def test_robots_hear_of_the_end_over_a_link_that_is_late(link_config, without_map):
+    """However much they say themselves; what is under way as the world's process ends is lost."""
+    policy, plays, setup = without_map
+    text = StringIO()
+    with ExitStack() as stack:
+        late = Disturbance(delay=0.15)
+        here = Link("world", link_config, listen=link_config.world_at, disturbance=late)
+        links = stack.enter_context(ExitStack())
+        links.enter_context(here)
+        robots = [
+            robot_process(number, link_config, stack, text, policy=policy, plays=plays) for number in range(2)
+        ]
+        engine = SimulatedRobots(plays, 5)
+        world = WorldProcess(engine, setup, here, Lines("world", StringIO()), speed=4.0, needs_map=False)
+        with running(*(lambda ending, robot=robot: robot.run(ending, 10.0) for robot in robots)) as failed:
+            world.run(8, Ending(), 10.0)
+            links.close()
+            assert until(lambda: text.getvalue().count("ends: the world has ended") == 2, 5.0), text.getvalue()
+    assert failed == []
 
 
 @pytest.mark.slow
