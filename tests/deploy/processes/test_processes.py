@@ -228,7 +228,7 @@ def test_robots_hear_of_the_end_over_a_link_that_is_late(link_config, without_ma
         with running(*(lambda ending, robot=robot: robot.run(ending, 10.0) for robot in robots)) as failed:
             world.run(8, Ending(), 10.0)
             links.close()
-            assert until(lambda: text.getvalue().count("ends: the world has ended") == 2, 5.0), text.getvalue()
+            assert until(lambda: text.getvalue().count("ends: the world has ended") == 2, 5.0)
     assert failed == []
 
 
