@@ -211,10 +211,7 @@ class WorldProcess:
         """Say that the run is over, often enough for everybody to hear it."""
         for _ in range(5):
             self._publish_clock(Stage.OVER)
-            due = time.monotonic() + HEARTBEAT / 2
-            # Any message ends a wait for mail, and robots go on speaking.
-            while (left := due - time.monotonic()) > 0.0:
-                self._pump(left)
+            self._pump_until(time.monotonic() + HEARTBEAT / 2)
 
     def _say_progress(self, wall: float) -> None:
         now = self._engine.now
@@ -274,13 +271,11 @@ class WorldProcess:
         if self._speed == AS_FAST_AS_ALL_ANSWER:
             self._wait_for_answers()
             return time.monotonic()
-        told = time.monotonic()
-        while (left := due - time.monotonic()) > 0.0:
-            self._pump(min(left, HEARTBEAT))
+        while due - time.monotonic() > HEARTBEAT:
             # A slow world is not a silent one: whoever orders a stop hears of it by the clock.
-            if time.monotonic() - told >= HEARTBEAT:
-                told = time.monotonic()
-                self._publish_clock(Stage.RUNNING)
+            self._pump_until(time.monotonic() + HEARTBEAT)
+            self._publish_clock(Stage.RUNNING)
+        self._pump_until(due)
         self._pump(0.0)
         late = time.monotonic() - due
         if late > _BEHIND:
@@ -331,6 +326,11 @@ class WorldProcess:
                 speeds[robot] = command.left, command.right
                 gripper[robot] = command.gripper
         return Command(speeds, gripper, tuple(self._held), np.zeros(self.robots, np.bool_), None)
+
+    def _pump_until(self, due: float) -> None:
+        """Take in mail until then, monotonic, s: any message ends a single wait for it."""
+        while (left := due - time.monotonic()) > 0.0:
+            self._pump(left)
 
     def _pump(self, timeout: float) -> None:
         for item in self._mail.take(timeout):
