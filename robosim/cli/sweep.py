@@ -7,6 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -37,6 +38,9 @@ class Sweep:
     """Processes of this machine, or a Ray cluster."""
     workers: int | None = None
     """Runs at a time, on a core each; by default as many as there are cores."""
+    device: str | None = None
+    """Where networks learn, of algorithms that have the option: cpu, or cuda for a GPU that all runs share.
+    Runs are known by the same key wherever they learn; a record names the GPU."""
     address: str | None = None
     """Ray cluster, HOST:PORT or auto; by default Ray starts on this machine."""
     dry_run: bool = False
@@ -56,6 +60,12 @@ class Sweep:
 
         if self.workers is not None:
             whole_number("--workers", self.workers, 1, 4096)
+        if self.device is not None:
+            if self.engine != "local":
+                raise InputError("--device is for the processes of this machine: it needs --engine local.")
+            from robosim.learning.computing import find_device
+
+            find_device(self.device)
         if self.address is not None and self.engine != "ray":
             raise InputError("--address names a Ray cluster: it needs --engine ray.")
         if self.json and not self.dry_run:
@@ -78,15 +88,14 @@ class Sweep:
         from robosim.experiments.runner import run_jobs
         from robosim.experiments.team import work_off
 
+        work = work_off if self.device is None else partial(work_off, device=self.device)
         out = self.out or Path("runs") / f"sweep-{self.file.stem}"
         labels = {run.job.key: run.label for run in plan.runs if run.job is not None}
         others = [result for key, result in done.items() if key not in labels]
         engine = self._engine()
         try:
             with Display(labels, plan.jobs, others=others) as display:
-                summary = run_jobs(
-                    plan.jobs, work_off, out.absolute(), results, engine, display, self.keep_runs
-                )
+                summary = run_jobs(plan.jobs, work, out.absolute(), results, engine, display, self.keep_runs)
         except KeyboardInterrupt:
             print(f"Stopped; go on with: {hint(*sys.argv[1:])}")
             raise

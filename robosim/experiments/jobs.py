@@ -52,6 +52,8 @@ class Outcome:
     """By name, numbers of which there are not as many as episodes."""
     evaluation_time: float = 0.0
     """Time spent on the evaluation, s."""
+    gpu: str = ""
+    """On which networks learned; empty where they did on the processor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,7 @@ def run_job(job: Job, work: Work, root: Path, report: Report = ignore, patience:
         series=_rounded(outcome.series),
         wall_time=round(outcome.wall_time, 3),
         evaluation_time=round(outcome.evaluation_time, 3),
-        machine=this_machine(),
+        machine=this_machine() | ({"gpu": outcome.gpu} if outcome.gpu else {}),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ POLICY = "policy:"
 _SIDE_BY_SIDE = 16
 """Episodes that run at once."""
 _RUN = "run"
+_DEVICE = "device"
 _COUNTING = ("technique", "seed", *DRAWING)
 _WEIGHTS = "weights"
 _START_WEIGHTS = "start_weights"
@@ -144,11 +146,14 @@ def _require_weights(policy: str, known: str) -> None:
         )
 
 
-def work_off(config: Mapping[str, Any], folder: Path, report: Report = ignore) -> Outcome:
+def work_off(
+    config: Mapping[str, Any], folder: Path, report: Report = ignore, device: str | None = None
+) -> Outcome:
     """Do the job of a configuration that `learning_job` or `measuring_job` made, in its folder.
 
-    A training that an earlier call began goes on, to the same bits as if never interrupted. InputError where
-    a policy that the job needs is no longer the one that it was made for.
+    A training that an earlier call began goes on, to the same bits as if never interrupted, where it learned
+    before. One that begins learns on `device`, if it is given and the algorithm has the option. InputError
+    where a policy that the job needs is no longer the one that it was made for.
     """
     # The job may be in a process that has seen nothing of them.
     load_plugins()
@@ -163,13 +168,15 @@ def work_off(config: Mapping[str, Any], folder: Path, report: Report = ignore) -
     # A part that the job does not name is one that it does without.
     parts = {name: part for name, part in config.items() if name in RunConfig.model_fields}
     run = RunConfig.from_table(parts, "the job")
+    if device is not None and _DEVICE in type(run.algorithm).model_fields:
+        run = run.with_options(device=device)
     if _START_WEIGHTS in config:
         _require_weights(run.schedule.start_from, str(config[_START_WEIGHTS]))
     shares = _Shares(report, run.schedule.steps, run.env, measuring)
     wall_time, curve = _learn(run, folder / _RUN, shares)
     controller = LearnedController(read_policy(folder / _RUN / RUN_POLICY), str(folder / _RUN))
     outcome = _measured(controller, run.env, seed, measuring, shares)
-    return Outcome(outcome.figures, wall_time, {**outcome.series, **curve}, outcome.evaluation_time)
+    return replace(outcome, wall_time=wall_time, series={**outcome.series, **curve}, gpu=_gpu(folder / _RUN))
 
 
 class _Shares:
@@ -220,6 +227,15 @@ def _learn(run: RunConfig, folder: Path, shares: _Shares) -> tuple[float, dict[s
     if result is None:
         result = train(run.with_options(evaluation_episodes=0), folder, report)
     return result.wall_time, learning_curve(read_metrics(folder / METRICS_FILE))
+
+
+def _gpu(folder: Path) -> str:
+    """Return the name of the GPU on which a finished run learned; "" where it learned on the processor."""
+    from robosim.learning.computing import CPU_NAME, gpu_name
+    from robosim.learning.folder import RunFolder
+
+    device = getattr(RunFolder(folder).config().algorithm, _DEVICE, None)
+    return "" if device in (None, CPU_NAME) else gpu_name(device)
 
 
 def _measured(

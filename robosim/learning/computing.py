@@ -9,6 +9,8 @@ import torch
 
 from robosim.errors import InputError, shown
 
+CPU_NAME = "cpu"
+
 
 @contextmanager
 def one_thread() -> Iterator[None]:
@@ -40,7 +42,7 @@ def denormals_flushed() -> Iterator[None]:
 
 def find_device(name: str) -> torch.device:
     """Return the torch device of that name; InputError when it is not "cpu" or a GPU that is there."""
-    if name != "cpu" and name.partition(":")[0] != "cuda":
+    if name != CPU_NAME and name.partition(":")[0] != "cuda":
         raise InputError(f'device is {shown(name)}, but must be "cpu", or "cuda" for a GPU.')
     try:
         device = torch.device(name)
@@ -50,3 +52,8 @@ def find_device(name: str) -> torch.device:
             f'device is {shown(name)}, but must be "cpu": torch finds no such GPU on this machine.'
         ) from error
     return device
+
+
+def gpu_name(name: str) -> str:
+    """Return what the GPU of that name calls itself; InputError when it is not there."""
+    return torch.cuda.get_device_name(find_device(name))

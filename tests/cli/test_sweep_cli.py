@@ -180,6 +180,11 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(tmp_path, capsys):
     [
         (["--workers", "0"], "--workers is 0, but must be a whole number from 1 to 4096."),
         (["--address", "auto"], "--address names a Ray cluster: it needs --engine ray."),
+        (["--device", "tpu"], 'device is "tpu", but must be "cpu", or "cuda" for a GPU.'),
+        (
+            ["--device", "cpu", "--engine", "ray"],
+            "--device is for the processes of this machine: it needs --engine local.",
+        ),
         (["--workers", "x"], '--workers is "x", but must be a whole number; see robosim sweep --help.'),
         (["--only", "robot=2"], '--only: "robot" is in no run: did you mean robots?'),
     ],

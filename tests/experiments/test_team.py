@@ -1,8 +1,10 @@
 import json
 import shutil
+from functools import partial
 
 import numpy as np
 import pytest
+import torch
 
 from robosim.analysis.measure.monitor import TeamMonitor
 from robosim.cli.main import main
@@ -18,10 +20,12 @@ from robosim.learning.config import EVALUATION_SEED, child_seed, run_config
 from robosim.learning.metrics import read_metrics
 from robosim.learning.trainer import train
 
+OPTIONS = {
+    "world": "grid", "arena": "single-lane", "steps": 600, "robots": 2, "num_envs": 2, "episode_steps": 100,
+}  # fmt: skip
 TINY = run_config(
-    "iql+s", world="grid", arena="single-lane", steps=600, robots=2, num_envs=2, episode_steps=100,
-    warmup=50, hidden=(8,), checkpoint_every=200, record_every=200, record_steps=1, evaluation_episodes=3,
-    seed=5,
+    "iql+s", **OPTIONS, warmup=50, hidden=(8,), checkpoint_every=200, record_every=200, record_steps=1,
+    evaluation_episodes=3, seed=5,
 )  # fmt: skip
 MEASURING = Measuring(episodes=3, steps=120)
 
@@ -108,6 +112,25 @@ def test_the_learning_curve_adds_up_to_what_the_run_wrote_down(learned):
     assert pellets == pytest.approx(sum(row.delivered for row in rows), abs=1e-3)
     reward = (np.array(result.series["learned_reward"]) * decisions).sum()
     assert reward == pytest.approx(sum(row.reward * row.decisions for row in rows), rel=1e-4)
+
+
+def test_where_it_learns_does_not_tell_it_from_others(learned, tmp_path):
+    job, result, _, _ = learned
+    elsewhere = run_job(job, partial(work_off, device="cpu"), tmp_path)
+    assert (elsewhere.key, elsewhere.config, elsewhere.figures) == (result.key, result.config, result.figures)
+    assert "gpu" not in elsewhere.machine
+    with pytest.raises(InputError, match=r'device is "tpu", but must be "cpu"'):
+        run_job(job, partial(work_off, device="tpu"), tmp_path / "tpu")
+    # An algorithm without the option learns where it always does.
+    other = learning_job(run_config("ps-ippo", **{**OPTIONS, "steps": 200}), MEASURING)
+    run_job(other, partial(work_off, device="tpu"), tmp_path / "other")
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
+def test_a_record_names_the_gpu(learned, tmp_path):
+    job, result, _, _ = learned
+    on_gpu = run_job(job, partial(work_off, device="cuda"), tmp_path)
+    assert on_gpu.machine == {**result.machine, "gpu": torch.cuda.get_device_name()}
 
 
 @pytest.mark.parametrize("world", ["grid", "physics"])

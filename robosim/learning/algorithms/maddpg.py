@@ -33,7 +33,7 @@ from robosim.learning.algorithms.stacked import (
     restore_optimiser,
     shorten_gradients,
 )
-from robosim.learning.computing import denormals_flushed
+from robosim.learning.computing import CPU_NAME, denormals_flushed, find_device
 from robosim.learning.networks import ActionValues, NetworkShape, Parameters, initialise
 
 
@@ -56,6 +56,9 @@ class MaddpgConfig(MaskConfig, ReplayConfig):
     """Of the mean squared logit in an actor's loss, which keeps it from choosing the same for ever."""
     gradient_norm: float = Field(default=10.0, ge=1e-6, le=1e6)
     """Most that the gradient of an actor or a critic may measure; longer ones are shortened."""
+    device: str | None = Field(default=None, max_length=20)
+    """Where the networks learn: the processor by default, or cuda for a GPU. The environments always run on
+    the processor."""
 
     def starting_from(self, spec: NetworkSpec) -> Self:
         """Return this configuration with the mask of `spec`."""
@@ -81,17 +84,18 @@ class Maddpg(JointReplay):
         InputError when the replay exceeds the memory, or `start` does not fit.
         """
         choose, draw, actors, critics = seed.spawn(4)
-        super().__init__(config, task, choose, draw)
+        self.device = find_device(config.device or CPU_NAME)
+        super().__init__(config, task, choose, draw, self.device)
         self.config = config
         self._gains = task.gains if config.mask else None
         robots, size, actions = task.robots, task.size, task.num_actions
         team = robots * (size + actions)
-        self.actor = _Networks(NetworkShape(robots, size, config.hidden, actions), actors)
-        self.critic = _Networks(NetworkShape(robots, team, config.hidden, 1), critics)
+        self.actor = _Networks(NetworkShape(robots, size, config.hidden, actions), actors, self.device)
+        self.critic = _Networks(NetworkShape(robots, team, config.hidden, 1), critics, self.device)
         if start is not None:
             self.actor.begin_with(start.weights)
         self._act = ActionValues(self.actor.online)
-        self._own = torch.eye(robots, dtype=torch.bool)[:, None, :, None]
+        self._own = torch.eye(robots, dtype=torch.bool, device=self.device)[:, None, :, None]
         """[critic, 1, robot, 1] where the action is that of the critic's own robot."""
 
     def act(self, observation: NDArray[np.float32], progress: float) -> NDArray[np.int64]:
@@ -100,11 +104,14 @@ class Maddpg(JointReplay):
 
     def update(self, progress: float) -> dict[str, float]:
         rate = self.config.learning_rate_at(progress)
-        figures: dict[str, float] = {}
+        figures: dict[str, Tensor] = {}
         while self._is_due():
             with denormals_flushed():
                 figures = self._learn(self._next_batch(), rate)
-        return figures
+        # Only once: a GPU must end what it was given before it can say a number.
+        return {name: figure.item() for name, figure in figures.items()} | (
+            {"learning_rate": rate} if figures else {}
+        )
 
     def actors(self) -> Actors:
         return Actors(self.config.own_networks(self.task, "logits"), self.actor.online.to_numpy())
@@ -119,7 +126,7 @@ class Maddpg(JointReplay):
         self.actor.restore(part(state.tensors, "actor."))
         self.critic.restore(part(state.tensors, "critic."))
 
-    def _learn(self, batch: Batch, rate: float) -> dict[str, float]:
+    def _learn(self, batch: Batch, rate: float) -> dict[str, Tensor]:
         """Make a step of every critic, then one of every actor, and let the target networks follow."""
         config = self.config
         value = self._value_loss(batch)
@@ -129,11 +136,10 @@ class Maddpg(JointReplay):
         for networks in (self.actor, self.critic):
             networks.follow(config.tau)
         return {
-            "policy_loss": losses.policy.mean().item(),
-            "value_loss": value.mean().item(),
-            "entropy": losses.entropy.mean().item(),
+            "policy_loss": losses.policy.mean(),
+            "value_loss": value.mean(),
+            "entropy": losses.entropy.mean(),
             "gradient_norm": norm,
-            "learning_rate": rate,
         }
 
     def _value_loss(self, batch: Batch) -> Tensor:
@@ -157,7 +163,7 @@ class Maddpg(JointReplay):
         logits = self.actor.learning(batch.observations)
         is_open = mask_blocked(logits, batch.observations, self._gains)
         noise = torch.from_numpy(self._draw.gumbel(size=tuple(logits.shape)).astype(np.float32))
-        choice = straight_through(is_open + noise)
+        choice = straight_through(is_open + noise.to(self.device))
         others = choice.detach().transpose(0, 1)
         # [critic, transitions, robot, ...], then the robots side by side.
         actions = torch.where(self._own, choice[:, :, None], others)
@@ -182,8 +188,8 @@ class _Losses(NamedTuple):
 class _Networks:
     """Stacked networks that learn by Adam, and the target networks that follow them."""
 
-    def __init__(self, shape: NetworkShape, seed: np.random.SeedSequence) -> None:
-        self.online, self.target, gradient = Parameters(shape), Parameters(shape), Parameters(shape)
+    def __init__(self, shape: NetworkShape, seed: np.random.SeedSequence, device: torch.device) -> None:
+        self.online, self.target, gradient = (Parameters(shape, device) for _ in range(3))
         initialise(self.online, seed.spawn(shape.robots))
         self.target.flat.copy_(self.online.flat)
         self.learning, self.following = StackedNetworks(self.online), StackedNetworks(self.target)
@@ -200,7 +206,7 @@ class _Networks:
         self.online.load(weights)
         self.target.flat.copy_(self.online.flat)
 
-    def step(self, losses: Tensor, rate: float, most: float) -> float:
+    def step(self, losses: Tensor, rate: float, most: float) -> Tensor:
         """Make a step down each network's own loss, [networks]; returns the gradients' mean length.
 
         A gradient longer than `most` is shortened to it first.
@@ -210,7 +216,7 @@ class _Networks:
         norms = shorten_gradients(self._leaves, most)
         self._adam.param_groups[0]["lr"] = rate
         self._adam.step()
-        return norms.mean().item()
+        return norms.mean()
 
     def follow(self, tau: float) -> None:
         """Move the target networks toward the others by a share of `tau`."""
@@ -218,7 +224,7 @@ class _Networks:
 
     def state(self) -> dict[str, Tensor]:
         """Return copies of all that `restore` takes."""
-        return {**optimiser_state(self._adam), "target": self.target.flat.clone()}
+        return {**optimiser_state(self._adam), "target": self.target.flat.cpu().clone()}
 
     def restore(self, tensors: Mapping[str, Tensor]) -> None:
         """Take back what `state` returned; InputError when it belongs to networks of other shapes."""

@@ -16,6 +16,7 @@ from robosim.learning.algorithms.dqn.returns import MultiStepReturns
 from robosim.learning.algorithms.protocol import Experience, State, Task
 from robosim.learning.algorithms.settings import ReplayConfig
 from robosim.learning.algorithms.stacked import part, prefixed
+from robosim.learning.networks import CPU
 
 
 class ReplayMemory:
@@ -45,12 +46,13 @@ class JointReplay(ReplayMemory):
         task: Task,
         choose: np.random.SeedSequence,
         draw: np.random.SeedSequence,
+        device: torch.device = CPU,
     ) -> None:
         """`choose` is for actions, `draw` for batches. InputError when the replay exceeds the memory."""
         self.task, self._settings = task, config
         with enough_memory(config, task):
-            self.replay = Replay(task.robots, config.capacity(task), task.size)
-        self._batch = Batch.reserve(task.robots, config.batch_size, task.size)
+            self.replay = Replay(task.robots, config.capacity(task), task.size, device)
+        self._batch = Batch.reserve(task.robots, config.batch_size, task.size, device)
         self._returns = MultiStepReturns(config.return_steps, config.discount)
         self._choose, self._draw = np.random.default_rng(choose), np.random.default_rng(draw)
         self._decisions = 0

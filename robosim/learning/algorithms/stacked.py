@@ -137,11 +137,11 @@ def shorten_gradients(parameters: Sequence[Tensor], most: float) -> Tensor:
 
 
 def optimiser_state(optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
-    """Return copies of the parameters of an optimiser and of what it has noted about them."""
-    tensors = {}
+    """Return copies, on the CPU, of the parameters of an optimiser and of what it has noted about them."""
+    tensors: dict[str, Tensor] = {}
     for i, one in enumerate(_parameters(optimiser)):
-        tensors[f"{i}.parameter"] = one.detach().clone()
-        tensors |= {f"{i}.{name}": tensor.clone() for name, tensor in optimiser.state.get(one, {}).items()}
+        noted = {"parameter": one.detach(), **optimiser.state.get(one, {})}
+        tensors |= {f"{i}.{name}": tensor.cpu().clone() for name, tensor in noted.items()}
     return tensors
 
 
@@ -159,7 +159,7 @@ def restore_optimiser(optimiser: torch.optim.Optimizer, tensors: Mapping[str, Te
         with torch.no_grad():
             one.copy_(given)
         if noted:
-            optimiser.state[one] = {name: tensor.clone() for name, tensor in noted.items()}
+            optimiser.state[one] = {name: tensor.clone().to(one.device) for name, tensor in noted.items()}
 
 
 def part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

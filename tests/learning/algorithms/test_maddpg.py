@@ -252,3 +252,25 @@ def test_it_learns_to_walk_a_corridor_to_and_fro(corridor):
     assert deliveries(corridor, loop.algorithm, 2).min() >= 9
     figures = loop.log.rows[-1].figures
     assert set(figures) == {"policy_loss", "value_loss", "entropy", "gradient_norm", "learning_rate"}
+
+
+@pytest.mark.parametrize("device", ["tpu", "cuda:97"])
+def test_a_device_that_is_not_there_is_refused(device):
+    with pytest.raises(InputError, match=f'device is "{device}", but must be "cpu"'):
+        build(SMALL.changed(device=device))
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
+def test_a_gpu_learns_what_the_processor_learns():
+    both = [filled(), filled(SMALL.changed(device="cuda"))]
+    figures = [one.update(0.0) for one in both]
+    assert figures[0] == pytest.approx(figures[1], rel=1e-3)
+    states = [one.state() for one in both]
+    assert states[0].facts == states[1].facts
+    for name, tensor in states[0].tensors.items():
+        torch.testing.assert_close(tensor, states[1].tensors[name], rtol=1e-3, atol=1e-4)
+    # Saved on one, it goes on on the other.
+    again = build(SMALL.changed(device="cuda"))
+    again.restore(states[0])
+    for name, tensor in states[0].tensors.items():
+        torch.testing.assert_close(tensor, again.state().tensors[name])
