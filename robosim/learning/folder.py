@@ -131,7 +131,10 @@ class RunFolder:
             self._remove_strays()
             if self.finished() is not None:
                 remove_checkpoints(self.checkpoints)
-                raise InputError(f"{self.path}: this run is finished; there is nothing to resume.")
+                raise InputError(
+                    f"{self.path}: this run is finished; there is nothing to resume, but a new run can go on "
+                    "from its policy with --start-from."
+                )
         except OSError as error:
             raise self._unwritable(error) from None
         return self.config()
