@@ -114,7 +114,7 @@ def test_killed_at_any_change_of_its_folder_a_run_ends_in_the_same_bits(tmp_path
             killed_at(count % 7, lambda at=at: go_on(at))
             finished = (at / "finished.json").exists()
         if finished:
-            with pytest.raises(InputError, match="this run is finished; there is nothing to resume, but a new run can"):
+            with pytest.raises(InputError, match="finished; there is nothing to resume, but a new run"):
                 resume(at, ignore)
         else:
             go_on(at)

@@ -100,7 +100,7 @@ def test_a_run_folder_holds_all_that_came_of_the_run(tmp_path):
     assert (card.training.command, card.training.steps) == ("robosim train --some-flag", 240)
     assert card.training.versions["torch"] == torch.__version__
     assert card.training.stages == ()
-    with pytest.raises(InputError, match="this run is finished; there is nothing to resume, but a new run can"):
+    with pytest.raises(InputError, match="finished; there is nothing to resume, but a new run"):
         resume(tmp_path / "run", rows.append)
 
 
