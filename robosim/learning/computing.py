@@ -55,5 +55,8 @@ def find_device(name: str) -> torch.device:
 
 
 def gpu_name(name: str) -> str:
-    """Return what the GPU of that name calls itself; InputError when it is not there."""
-    return torch.cuda.get_device_name(find_device(name))
+    """Return what the GPU of that name calls itself; its name where it is not there, as after a move."""
+    try:
+        return torch.cuda.get_device_name(find_device(name))
+    except InputError:
+        return name

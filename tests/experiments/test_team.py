@@ -1,6 +1,7 @@
 import json
 import shutil
 from functools import partial
+from hashlib import sha256
 
 import numpy as np
 import pytest
@@ -124,6 +125,22 @@ def test_where_it_learns_does_not_tell_it_from_others(learned, tmp_path):
     # An algorithm without the option learns where it always does.
     other = learning_job(run_config("ps-ippo", **{**OPTIONS, "steps": 200}), MEASURING)
     run_job(other, partial(work_off, device="tpu"), tmp_path / "other")
+
+
+def test_a_team_that_learned_on_a_gpu_elsewhere_is_measured_here(learned, tmp_path):
+    job, result, root, _ = learned
+    folder = job.folder(tmp_path)
+    shutil.copytree(job.folder(root), folder)
+    run = folder / "work" / "run"
+    text = (run / "config.toml").read_text()
+    assert 'device = "cpu"' in text
+    (run / "config.toml").write_text(text.replace('device = "cpu"', 'device = "cuda:97"'))
+    finished = json.loads((run / "finished.json").read_text())
+    finished["files"]["config.toml"] = sha256((run / "config.toml").read_bytes()).hexdigest()
+    (run / "finished.json").write_text(json.dumps(finished))
+    there = run_job(job, work_off, tmp_path)
+    assert there.figures == result.figures
+    assert there.machine["gpu"] == "cuda:97"
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU")
