@@ -88,7 +88,7 @@ class Sweep:
         from robosim.experiments.runner import run_jobs
         from robosim.experiments.team import work_off
 
-        work = work_off if self.device is None else partial(work_off, device=self.device)
+        work = partial(work_off, device=self.device)
         out = self.out or Path("runs") / f"sweep-{self.file.stem}"
         labels = {run.job.key: run.label for run in plan.runs if run.job is not None}
         others = [result for key, result in done.items() if key not in labels]

@@ -231,11 +231,11 @@ def _learn(run: RunConfig, folder: Path, shares: _Shares) -> tuple[float, dict[s
 
 def _gpu(folder: Path) -> str:
     """Return the name of the GPU on which a finished run learned; "" where it learned on the processor."""
-    from robosim.learning.computing import CPU_NAME, gpu_name
+    from robosim.learning.computing import gpu_name
     from robosim.learning.folder import RunFolder
 
     device = getattr(RunFolder(folder).config().algorithm, _DEVICE, None)
-    return "" if device in (None, CPU_NAME) else gpu_name(device)
+    return gpu_name(device or "cpu")
 
 
 def _measured(

@@ -9,8 +9,6 @@ import torch
 
 from robosim.errors import InputError, shown
 
-CPU_NAME = "cpu"
-
 
 @contextmanager
 def one_thread() -> Iterator[None]:
@@ -42,7 +40,7 @@ def denormals_flushed() -> Iterator[None]:
 
 def find_device(name: str) -> torch.device:
     """Return the torch device of that name; InputError when it is not "cpu" or a GPU that is there."""
-    if name != CPU_NAME and name.partition(":")[0] != "cuda":
+    if name != "cpu" and name.partition(":")[0] != "cuda":
         raise InputError(f'device is {shown(name)}, but must be "cpu", or "cuda" for a GPU.')
     try:
         device = torch.device(name)
@@ -55,7 +53,12 @@ def find_device(name: str) -> torch.device:
 
 
 def gpu_name(name: str) -> str:
-    """Return what the GPU of that name calls itself; its name where it is not there, as after a move."""
+    """Return what the GPU of that name calls itself, or the name where it is not there, as after a move.
+
+    "" for the processor.
+    """
+    if name == "cpu":
+        return ""
     try:
         return torch.cuda.get_device_name(find_device(name))
     except InputError:

@@ -33,8 +33,8 @@ from robosim.learning.algorithms.stacked import (
     restore_optimiser,
     shorten_gradients,
 )
-from robosim.learning.computing import CPU_NAME, denormals_flushed, find_device
-from robosim.learning.networks import ActionValues, NetworkShape, Parameters, initialise
+from robosim.learning.computing import denormals_flushed, find_device
+from robosim.learning.networks import CPU, ActionValues, NetworkShape, Parameters, initialise
 
 
 class MaddpgConfig(MaskConfig, ReplayConfig):
@@ -84,7 +84,7 @@ class Maddpg(JointReplay):
         InputError when the replay exceeds the memory, or `start` does not fit.
         """
         choose, draw, actors, critics = seed.spawn(4)
-        self.device = find_device(config.device or CPU_NAME)
+        self.device = find_device(config.device or "cpu")
         super().__init__(config, task, choose, draw, self.device)
         self.config = config
         self._gains = task.gains if config.mask else None
@@ -108,10 +108,10 @@ class Maddpg(JointReplay):
         while self._is_due():
             with denormals_flushed():
                 figures = self._learn(self._next_batch(), rate)
+        if not figures:
+            return {}
         # Only once: a GPU must end what it was given before it can say a number.
-        return {name: figure.item() for name, figure in figures.items()} | (
-            {"learning_rate": rate} if figures else {}
-        )
+        return {name: figure.item() for name, figure in figures.items()} | {"learning_rate": rate}
 
     def actors(self) -> Actors:
         return Actors(self.config.own_networks(self.task, "logits"), self.actor.online.to_numpy())
@@ -224,7 +224,7 @@ class _Networks:
 
     def state(self) -> dict[str, Tensor]:
         """Return copies of all that `restore` takes."""
-        return {**optimiser_state(self._adam), "target": self.target.flat.cpu().clone()}
+        return {**optimiser_state(self._adam), "target": self.target.flat.to(CPU, copy=True)}
 
     def restore(self, tensors: Mapping[str, Tensor]) -> None:
         """Take back what `state` returned; InputError when it belongs to networks of other shapes."""

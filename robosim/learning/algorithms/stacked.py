@@ -13,7 +13,7 @@ from torch import Tensor
 from robosim.control.network import LEAST_SQUARE, Activation, Normalisation
 from robosim.discretise.observation import MoveGains, blocked_moves
 from robosim.errors import InputError
-from robosim.learning.networks import NetworkShape, Parameters, initialise
+from robosim.learning.networks import CPU, NetworkShape, Parameters, initialise
 
 
 class StackedNetworks:
@@ -141,7 +141,7 @@ def optimiser_state(optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
     tensors: dict[str, Tensor] = {}
     for i, one in enumerate(_parameters(optimiser)):
         noted = {"parameter": one.detach(), **optimiser.state.get(one, {})}
-        tensors |= {f"{i}.{name}": tensor.cpu().clone() for name, tensor in noted.items()}
+        tensors |= {f"{i}.{name}": tensor.to(CPU, copy=True) for name, tensor in noted.items()}
     return tensors
 
 
@@ -159,7 +159,7 @@ def restore_optimiser(optimiser: torch.optim.Optimizer, tensors: Mapping[str, Te
         with torch.no_grad():
             one.copy_(given)
         if noted:
-            optimiser.state[one] = {name: tensor.clone().to(one.device) for name, tensor in noted.items()}
+            optimiser.state[one] = {name: tensor.to(one.device, copy=True) for name, tensor in noted.items()}
 
 
 def part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
