@@ -111,9 +111,12 @@ def _drawn(network: NetworkSpec) -> list[str]:
     """Say how actions are drawn, if they are."""
     if network.temperature is None:
         return []
-    standing, retreat = network.temperature_in_place, network.retreat_in_place
+    standing, retreats = network.temperature_in_place, network.retreats
     in_place = [] if standing is None else [f"at {standing:g}"]
-    in_place += [] if retreat is None else [f"retreating for {retreat} decisions"]
+    if retreats is not None:
+        in_place.append(
+            f"retreating for {retreats.without_pellet} decisions, {retreats.with_pellet} with a pellet"
+        )
     after = f", after a while in place {' or '.join(in_place)}" if in_place else ""
     return [f"actions drawn at temperature {network.temperature:g}{after}"]
 

@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from robosim.control.retreat import Retreat, checked_retreats, known_for_retreats
+from robosim.control.retreat import (
+    PELLET_SHARE,
+    Retreat,
+    RetreatDecisions,
+    checked_retreats,
+    known_for_retreats,
+)
 from robosim.discretise.observation import NO_COLUMNS, Columns, blocked_moves, standing
 from robosim.errors import InputError, shown, whole_number
 from robosim.records import Many, Record
@@ -20,7 +26,7 @@ LEAST_SQUARE = 1e-5
 """Added to the mean square, or to the variance, by which hidden layers are normalised."""
 Activation = Literal["relu", "tanh"]
 Normalisation = Literal["none", "rms", "layer"]
-IN_PLACE_FIELDS = ("temperature_in_place", "retreat_in_place")
+IN_PLACE_FIELDS = ("temperature_in_place", "retreat_in_place", "retreat_with_pellet")
 """Fields of `NetworkSpec` that say what robots do that have stood for a while."""
 DRAWING = ("temperature", *IN_PLACE_FIELDS)
 """Fields of `NetworkSpec` that say how actions are drawn."""
@@ -75,8 +81,10 @@ class NetworkSpec(Record):
     observation is `STANDING` or more. Robots that have come to a stand try something else; none for the same
     temperature at all times."""
     retreat_in_place: int | None = Field(default=None, ge=3, le=10_000)
-    """Decisions for which a robot that has stood for a while retreats once it begins to, a third of them with
-    a pellet (`robosim.control.retreat`); none for no retreats."""
+    """Decisions for which a robot that has stood for a while retreats once it begins to
+    (`robosim.control.retreat`); none for no retreats."""
+    retreat_with_pellet: int | None = Field(default=None, ge=1, le=10_000)
+    """The same with a pellet; none for a third of `retreat_in_place`."""
 
     @property
     def robots(self) -> int:
@@ -97,6 +105,15 @@ class NetworkSpec(Record):
     def asks_for_standing(self) -> str | None:
         """Field that needs an observation to say how long a robot has been in place; None where none does."""
         return next((name for name in IN_PLACE_FIELDS if getattr(self, name) is not None), None)
+
+    @property
+    def retreats(self) -> RetreatDecisions | None:
+        """Decisions for which robots retreat; None where they do not."""
+        if self.retreat_in_place is None:
+            return None
+        if self.retreat_with_pellet is None:
+            return RetreatDecisions(self.retreat_in_place, self.retreat_in_place // PELLET_SHARE)
+        return RetreatDecisions(self.retreat_in_place, self.retreat_with_pellet)
 
     @property
     def shared(self) -> bool:
@@ -173,12 +190,12 @@ class NetworkSpec(Record):
 
 
 def check_drawing(settings: Record) -> None:
-    """Raise ValueError where one of the fields `DRAWING` is given without the first, the temperature."""
+    """Raise ValueError where one of the fields `DRAWING` is given without the one that it needs."""
     temperature, *others = DRAWING
     for name in others:
-        given = getattr(settings, name)
-        if getattr(settings, temperature) is None and given is not None:
-            raise ValueError(f"{name} is {shown(given)}, but must be absent where {temperature} is")
+        needed = "retreat_in_place" if name == "retreat_with_pellet" else temperature
+        if getattr(settings, needed) is None and (given := getattr(settings, name)) is not None:
+            raise ValueError(f"{name} is {shown(given)}, but must be absent where {needed} is")
 
 
 def unmet_standing(spec: NetworkSpec, columns: Columns) -> str | None:
@@ -219,7 +236,7 @@ class Networks:
         self.spec = spec
         self._in_place = columns.in_place
         self._gains = columns.gains if spec.mask else None
-        known, decisions = known_for_retreats(columns), spec.retreat_in_place
+        known, decisions = known_for_retreats(columns), spec.retreats
         self._retreat = Retreat(known, decisions) if known and decisions is not None else None
         # Rounded weights are widened once, here: products of float16 are slow and coarse on a CPU.
         wide = {name: np.asarray(weights[name], np.float32) for name in spec.shapes}

@@ -18,8 +18,8 @@ from robosim.errors import InputError
 
 CHANCE = 0.1
 """Of a robot that has stood for a while, in every decision, to begin to retreat."""
-LADEN_SHARE = 3
-"""By this the decisions of a retreat are divided for a robot that carries a pellet."""
+PELLET_SHARE = 3
+"""By this the decisions of a retreat are divided for a robot with a pellet, where nothing else is said."""
 FINE = 4096.0
 """An action is drawn by the first digits of a draw, and a retreat by those behind: it times this, less the
 whole part of that. All of it is exact in float32."""
@@ -34,6 +34,13 @@ class Known(NamedTuple):
     gains: MoveGains
     in_place: int
     laden: int
+
+
+class RetreatDecisions(NamedTuple):
+    """For how many decisions a robot retreats once it begins to."""
+
+    without_pellet: int
+    with_pellet: int
 
 
 def known_for_retreats(columns: Columns) -> Known | None:
@@ -56,8 +63,8 @@ def checked_retreats(retreats: Whole | None, shape: tuple[int, ...], place: str 
 class Retreat:
     """Replaces the actions of robots that retreat."""
 
-    def __init__(self, known: Known, decisions: int) -> None:
-        """Take for how many `decisions` robots retreat, without a pellet."""
+    def __init__(self, known: Known, decisions: RetreatDecisions) -> None:
+        """Take by what robots retreat, and for how many `decisions`."""
         self._gains, self._in_place, self._laden = known
         self._decisions = decisions
 
@@ -71,7 +78,8 @@ class Retreat:
         stands = standing(observation, self._in_place)
         fine = drawn * np.float32(FINE)
         begins = stands & (left == 0) & (fine - np.floor(fine) < np.float32(CHANCE))
-        left[begins] = np.where(laden, self._decisions // LADEN_SHARE, self._decisions)[begins]
+        without_pellet, with_pellet = self._decisions
+        left[begins] = np.where(laden, with_pellet, without_pellet)[begins]
         retreats = left > 0
         left[retreats] -= 1
         return np.where(retreats, self._move(observation, laden, actions), actions)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from robosim.control.network import LEAST_SQUARE, NetworkSpec, Weights
-from robosim.control.retreat import CHANCE, FINE, LADEN_SHARE, Known, known_for_retreats
+from robosim.control.retreat import CHANCE, FINE, Known, RetreatDecisions, known_for_retreats
 from robosim.deploy.runtime import ACTIONS, DRAWS, OBSERVATION, RETREATS, RETREATS_LEFT, VALUES
 from robosim.discretise.observation import STANDING, Columns, MoveGains
 
@@ -209,14 +209,16 @@ def _draw_action(nodes: _Nodes, spec: NetworkSpec, columns: Columns) -> None:
         other = nodes.constant("temperature_in_place", np.array(spec.temperature_in_place, np.float32))
         temperature = nodes.add("Where", stands, other, temperature)
     known = known_for_retreats(columns)
-    if spec.retreat_in_place is None or known is None:
+    if spec.retreats is None or known is None:
         _draw(nodes, last, temperature, ACTIONS)
         return
     drawn = _draw(nodes, last, temperature, "drawn")
-    _retreat(nodes, spec.retreat_in_place, known, last, nodes.add("Squeeze", stands, last), drawn)
+    _retreat(nodes, spec.retreats, known, last, nodes.add("Squeeze", stands, last), drawn)
 
 
-def _retreat(nodes: _Nodes, decisions: int, known: Known, last: str, stands: str, otherwise: str) -> None:
+def _retreat(
+    nodes: _Nodes, decisions: RetreatDecisions, known: Known, last: str, stands: str, otherwise: str
+) -> None:
     """Replace the actions of robots that retreat, as `robosim.control.retreat.Retreat` does."""
     number = nodes.add("Gather", OBSERVATION, nodes.whole("laden", known.laden), axis=2)
     laden = nodes.add("GreaterOrEqual", number, nodes.constant("half", np.array(0.5, np.float32)))
@@ -229,8 +231,8 @@ def _retreat(nodes: _Nodes, decisions: int, known: Known, last: str, stands: str
     length = nodes.add(
         "Where",
         nodes.add("Squeeze", laden, last),
-        nodes.constant("laden_decisions", np.array(decisions // LADEN_SHARE, np.int64)),
-        nodes.constant("decisions", np.array(decisions, np.int64)),
+        nodes.constant("laden_decisions", np.array(decisions.with_pellet, np.int64)),
+        nodes.constant("decisions", np.array(decisions.without_pellet, np.int64)),
     )
     left = nodes.add("Where", begins, length, RETREATS)
     retreats = nodes.add("Greater", left, none)

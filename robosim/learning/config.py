@@ -102,8 +102,10 @@ class RunSettings(Record):
     temperature_in_place: float | None = Field(default=None, ge=0.001, le=1000)
     """Instead of `temperature`, for robots that have stood for a while; none for the same at all times."""
     retreat_in_place: int | None = Field(default=None, ge=3, le=10_000)
-    """Decisions for which robots that have stood for a while retreat once they begin to, a third of them
-    with a pellet; none for no retreats."""
+    """Decisions for which robots that have stood for a while retreat once they begin to; none for no
+    retreats."""
+    retreat_with_pellet: int | None = Field(default=None, ge=1, le=10_000)
+    """The same for robots with a pellet; none for a third of that."""
 
     @model_validator(mode="after")
     def _check_drawing(self) -> Self:

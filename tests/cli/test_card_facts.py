@@ -5,6 +5,8 @@ import pytest
 from robosim.cli.card_facts import facts_of
 from robosim.control.policy import find_policy, load_policy
 
+AFTER = "after a while in place"
+
 
 @pytest.mark.parametrize(
     ("drawing", "said"),
@@ -13,15 +15,20 @@ from robosim.control.policy import find_policy, load_policy
         ({"temperature": 0.5}, "actions drawn at temperature 0.5"),
         (
             {"temperature": 0.5, "temperature_in_place": 2.0},
-            "actions drawn at temperature 0.5, after a while in place at 2",
+            f"actions drawn at temperature 0.5, {AFTER} at 2",
         ),
         (
             {"temperature": 0.5, "retreat_in_place": 8},
-            "actions drawn at temperature 0.5, after a while in place retreating for 8 decisions",
+            f"actions drawn at temperature 0.5, {AFTER} retreating for 8 decisions, 2 with a pellet",
         ),
         (
-            {"temperature": 0.5, "temperature_in_place": 20.0, "retreat_in_place": 8},
-            "actions drawn at temperature 0.5, after a while in place at 20 or retreating for 8 decisions",
+            {
+                "temperature": 0.5,
+                "temperature_in_place": 20.0,
+                "retreat_in_place": 8,
+                "retreat_with_pellet": 9,
+            },
+            f"actions drawn at temperature 0.5, {AFTER} at 20 or retreating for 8 decisions, 9 with a pellet",
         ),
     ],
 )

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robosim.control.network import Networks, NetworkSpec, drawn_actions, draws
-from robosim.control.retreat import Known, Retreat
+from robosim.control.retreat import Known, Retreat, RetreatDecisions
 from robosim.discretise.observation import Columns, MoveGains
 from robosim.errors import InputError, shown
 
@@ -231,6 +231,14 @@ JOINT = {"output": "joint action values"}
             {"temperature": 0.5, "retreat_in_place": 2},
             "retreat_in_place is 2, but must be a whole number from 3 to 10000 or None.",
         ),
+        (
+            {"temperature": 0.5, "retreat_with_pellet": 8},
+            "retreat_with_pellet is 8, but must be absent where retreat_in_place is.",
+        ),
+        (
+            {"temperature": 0.5, "retreat_in_place": 8, "retreat_with_pellet": 0},
+            "retreat_with_pellet is 0, but must be a whole number from 1 to 10000 or None.",
+        ),
         ({"temperature": 0.0}, "temperature is 0.0, but must be a number from 0.001 to 1000 or None."),
         ({"activation": "gelu"}, 'activation is "gelu", but must be "relu" or "tanh".'),
         ({"hidden": [4097]}, "hidden is 4097, but must be a list of 1 to 8 whole numbers from 1 to 4096."),
@@ -397,15 +405,19 @@ def test_a_robot_that_has_stood_for_a_while_draws_at_the_temperature_for_that():
     )
 
 
-def test_robots_that_retreat_do_and_the_others_draw():
-    spec = NetworkSpec(inputs=10, hidden=[8], of_robot=[0, 0, 0], temperature=1.0, retreat_in_place=6)
+@pytest.mark.parametrize(
+    ("with_pellet", "decisions"), [(None, RetreatDecisions(6, 2)), (5, RetreatDecisions(6, 5))]
+)
+def test_robots_that_retreat_do_and_the_others_draw(with_pellet, decisions):
+    retreating = {"retreat_in_place": 6, "retreat_with_pellet": with_pellet}
+    spec = NetworkSpec(inputs=10, hidden=[8], of_robot=[0, 0, 0], temperature=1.0, **retreating)
     weights, columns = weights_of(spec), Columns(MOVES, 8, 9)
     observation = np.random.default_rng(1).uniform(-0.9, 0.9, (300, 3, 10)).astype(np.float32)
     team, left = Networks(spec, weights, columns), np.zeros((300, 3), np.int64)
-    plain = Networks(spec.changed(retreat_in_place=None), weights)
+    plain = Networks(spec.changed(**dict.fromkeys(retreating)), weights)
     for decision in range(10):
         drawn, before = plain.act(observation, decision), left.copy()
-        expected = Retreat(Known(*columns), 6)(drawn, observation, draws(decision, (300, 3)), before)
+        expected = Retreat(Known(*columns), decisions)(drawn, observation, draws(decision, (300, 3)), before)
         assert (team.act(observation, decision, left) == expected).all()
         assert (left == before).all()
         assert (expected != drawn).any()

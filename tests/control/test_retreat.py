@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robosim.control.network import draws
-from robosim.control.retreat import Known, Retreat, known_for_retreats
+from robosim.control.retreat import Known, Retreat, RetreatDecisions, known_for_retreats
 from robosim.discretise.observation import NO_COLUMNS, Columns, MoveGains
 
 HOME, SOURCE, IN_PLACE, LADEN, SIZE = 0, 4, 8, 9, 10
@@ -28,7 +28,7 @@ def plainly(seen, action, drawn, left, decisions, moves):
     laden = seen[LADEN] == 1.0
     last_digits = int(drawn * 2**24) % 2**12
     if left == 0 and seen[IN_PLACE] >= 0.5 and last_digits < 0.1 * 2**12:
-        left = decisions // 3 if laden else decisions
+        left = decisions.with_pellet if laden else decisions.without_pellet
     if left == 0:
         return action, 0
     best, most = action, None
@@ -44,7 +44,7 @@ def plainly(seen, action, drawn, left, decisions, moves):
 @settings(deadline=None, max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    decisions=st.integers(3, 12),
+    decisions=st.builds(RetreatDecisions, st.integers(3, 12), st.integers(1, 15)),
     moves=st.sampled_from([2, 4]),
     shape=st.sampled_from([(3,), (2, 5), (2, 2, 3)]),
 )
@@ -69,7 +69,7 @@ def test_one_of_ten_that_stand_begins_to_whatever_action_it_draws():
     seen = np.zeros((len(drawn), SIZE), np.float32)
     seen[:, IN_PLACE] = 0.5
     left = np.zeros(len(drawn), np.int64)
-    retreat = Retreat(Known(MoveGains(HOME, SOURCE, 4), IN_PLACE, LADEN), 12)
+    retreat = Retreat(Known(MoveGains(HOME, SOURCE, 4), IN_PLACE, LADEN), RetreatDecisions(12, 4))
     retreat(np.zeros(len(drawn), np.int64), seen, drawn, left)
     begun = left == 11
     assert begun.mean() == pytest.approx(0.1, abs=0.005)
@@ -77,7 +77,7 @@ def test_one_of_ten_that_stand_begins_to_whatever_action_it_draws():
 
 
 def test_a_retreat_goes_on_when_the_robot_has_come_away_and_then_ends():
-    retreat = Retreat(Known(MoveGains(HOME, SOURCE, 4), IN_PLACE, LADEN), 6)
+    retreat = Retreat(Known(MoveGains(HOME, SOURCE, 4), IN_PLACE, LADEN), RetreatDecisions(6, 2))
     seen = np.zeros((2, SIZE), np.float32)
     seen[:, HOME + 2] = 1.0
     seen[:, SOURCE + 3] = 1.0

@@ -100,15 +100,16 @@ def test_the_first_of_equal_values_is_chosen_as_numpy_does(tmp_path, kind):
     assert (found.other_actions, found.largest_difference) == (0, 0.0)
 
 
-@pytest.mark.parametrize("retreat", [None, 8])
+@pytest.mark.parametrize(("retreat", "with_pellet"), [(None, None), (8, None), (8, 6)])
 @pytest.mark.parametrize("in_place", [None, 20.0])
 @pytest.mark.parametrize("of_robot", [(0, 0, 0), (0, 1, 2)])
-def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot, in_place, retreat):
+def test_actions_are_drawn_in_the_graph_as_in_numpy(tmp_path, of_robot, in_place, retreat, with_pellet):
     drawing = {
         "output": "logits",
         "temperature": 0.7,
         "temperature_in_place": in_place,
         "retreat_in_place": retreat,
+        "retreat_with_pellet": with_pellet,
     }
     folder = make_policy(tmp_path / "made", mask=True, of_robot=of_robot, **drawing)
     policy, exported = read_policy(folder), OnnxPolicy(onnx_model(folder))

@@ -48,6 +48,7 @@ def test_a_job_says_what_is_learned_and_how_it_is_measured_and_nothing_else(lear
     for other in (
         {"seed": 6}, {"steps": 601}, {"pheromone_radius": 1}, {"technique": "mine"}, {"temperature": 0.5},
         {"temperature": 0.5, "temperature_in_place": 2.0}, {"temperature": 0.5, "retreat_in_place": 8},
+        {"temperature": 0.5, "retreat_in_place": 8, "retreat_with_pellet": 8},
     ):  # fmt: skip
         assert learning_job(TINY.with_options(**other), MEASURING).key != job.key
     assert learning_job(TINY, Measuring(episodes=4, steps=120)).key != job.key

@@ -42,7 +42,8 @@ def test_equal_policies_have_themselves_as_their_mean(tmp_path):
 
 
 def test_how_actions_are_drawn_may_differ_and_is_that_of_the_last(tmp_path):
-    drawing = {"temperature": 0.5, "temperature_in_place": 8.0, "retreat_in_place": 8}
+    drawing = {"temperature": 0.5, "temperature_in_place": 8.0}
+    drawing |= {"retreat_in_place": 8, "retreat_with_pellet": 6}
     best, draws = make_policy(tmp_path / "best", 1), make_policy(tmp_path / "draws", 1, **drawing)
     assert tool.average([best, draws], tmp_path / "mean").network == load_policy(draws).card.network
     assert tool.average([draws, best], tmp_path / "mean").network == load_policy(best).card.network
