@@ -315,9 +315,11 @@ class Engines:
     def run(self) -> None:
         from robosim.cli.engines import record_engines
 
-        delivered = record_engines(self)
+        played, delivered = record_engines(self)
         said = ", ".join(f"{pellets} pellets in {engine}" for engine, pellets in delivered.items())
-        print(f"{self.save}: {self.decisions} decisions, {said}\nopen it with: {hint('view', self.save)}")
+        print(f"{self.save}: {played} decisions, {said}\nopen it with: {hint('view', self.save)}")
+        if played < self.decisions:
+            raise KeyboardInterrupt
 
 
 @dataclass(frozen=True)

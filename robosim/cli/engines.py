@@ -12,14 +12,18 @@ if TYPE_CHECKING:
 NAMES: dict[EngineKind, str] = {"pymunk": "pymunk, where teams learn", "mujoco": "MuJoCo, the second physics"}
 
 
-def record_engines(asked: Engines) -> dict[str, int]:
-    """Record what is asked for; return the pellets delivered in each engine. InputError for wrong input."""
+def record_engines(asked: Engines) -> tuple[int, dict[str, int]]:
+    """Record what is asked for; return how many decisions, and the pellets delivered in each engine.
+
+    An interrupt (Ctrl-C) ends it early: what has been recorded is kept. InputError for wrong input.
+    """
     from robosim.control.policy import load_policy
     from robosim.deploy.controller import Controller
     from robosim.deploy.simulated import ENGINES, driven, make_stand_in
     from robosim.envs.config import MOST_STEPS
     from robosim.envs.vector import MAX_SEED
     from robosim.errors import whole_number
+    from robosim.learning.interrupts import hold_interrupts
     from robosim.playback.beside import recording_beside
 
     whole_number("--decisions", asked.decisions, 1, MOST_STEPS)
@@ -35,12 +39,15 @@ def record_engines(asked: Engines) -> dict[str, int]:
     scenes = {str(engine): NAMES[engine] for engine in ENGINES}
     beside = recording_beside(asked.save, first.arena, robots=first.robots, scenes=scenes, about=about)
     delivered = dict.fromkeys(map(str, ENGINES), 0)
-    every = max(1, asked.decisions // 10)
-    with beside as recorders:
+    every, played = max(1, asked.decisions // 10), 0
+    with hold_interrupts() as interrupted, beside as recorders:
         for frames in zip(*runs, strict=True):
             for engine, frame in zip(ENGINES, frames, strict=True):
                 recorders[engine].add(frame)
                 delivered[engine] = int(frame.delivered.sum())
-            if frames[0].step and frames[0].step % every == 0:
-                print(f"step {frames[0].step}/{asked.decisions}  {delivered}", flush=True)
-    return delivered
+            played = frames[0].step
+            if played and played % every == 0:
+                print(f"step {played}/{asked.decisions}  {delivered}", flush=True)
+            if interrupted():
+                break
+    return played, delivered

@@ -1,5 +1,10 @@
 """A team in both engines, side by side in one recording."""
 
+import re
+import signal
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -65,6 +70,29 @@ def test_both_engines_lie_in_one_recording_from_the_same_start(tmp_path, capsys)
     for engine in ("pymunk", "mujoco"):
         assert {f"/{engine}/arena/map", f"/{engine}/about"} <= reading.static.keys()
     assert not [name for name in (*reading.rows, *reading.static) if "reward" in name]
+
+
+def test_ctrl_c_keeps_what_has_been_recorded(tmp_path):
+    path = tmp_path / "both.rrd"
+    command = ["deploy", "engines", "paper-2", "--decisions", "2000", "--save", str(path)]
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    code += f"from robosim.cli.main import main; raise SystemExit(main({command}))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("step 200/2000  ")
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (130, "robosim: interrupted\n")
+    played = re.search(r"both\.rrd: (\d+) decisions, \d+ pellets in pymunk, \d+ pellets in mujoco\n", out)
+    assert played is not None
+    last = int(played[1])
+    assert 200 <= last < 2000
+    reading = Reading(path)
+    for engine in ("pymunk", "mujoco"):
+        ends = [max(rows["step"]) for name, rows in reading.rows.items() if name.startswith(f"/{engine}/")]
+        assert max(ends) == last
 
 
 def test_wrong_usage_is_a_sentence(tmp_path, capsys):
