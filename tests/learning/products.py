@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from robosim.learning.precision import rounds_to_bfloat16
+from robosim.learning.precision import products_in, rounds_to_bfloat16
 
 _bmm = torch.bmm
 
@@ -43,7 +43,9 @@ def _install(monkeypatch, rounded, order=1):
             return _bmm(left, right, out=out)
         if order < 0:
             left, right = left.flip(2), right.flip(1)
-        return _bmm(rounded(left), rounded(right), out=out)
+        # This processor may round besides, where that is allowed.
+        with products_in("float32"):
+            return _bmm(rounded(left), rounded(right), out=out)
 
     rounds_to_bfloat16.cache_clear()
     monkeypatch.setattr(torch, "bmm", bmm)
