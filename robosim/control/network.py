@@ -10,13 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from robosim.control.retreat import (
-    PELLET_SHARE,
-    Retreat,
-    RetreatDecisions,
-    checked_retreats,
-    known_for_retreats,
-)
+from robosim.control.retreat import Retreat, RetreatDecisions, checked_retreats, known_for_retreats
 from robosim.discretise.observation import NO_COLUMNS, Columns, blocked_moves, standing
 from robosim.errors import InputError, shown, whole_number
 from robosim.records import Many, Record
@@ -26,10 +20,17 @@ LEAST_SQUARE = 1e-5
 """Added to the mean square, or to the variance, by which hidden layers are normalised."""
 Activation = Literal["relu", "tanh"]
 Normalisation = Literal["none", "rms", "layer"]
-IN_PLACE_FIELDS = ("temperature_in_place", "retreat_in_place", "retreat_with_pellet")
-"""Fields of `NetworkSpec` that say what robots do that have stood for a while."""
+_NEEDED = {
+    "temperature_in_place": "temperature",
+    "retreat_in_place": "temperature",
+    "retreat_with_pellet": "retreat_in_place",
+}
+IN_PLACE_FIELDS = tuple(_NEEDED)
+"""Fields of `NetworkSpec` that say what robots do that have stood for a while; each needs another one."""
 DRAWING = ("temperature", *IN_PLACE_FIELDS)
 """Fields of `NetworkSpec` that say how actions are drawn."""
+PELLET_SHARE = 3
+"""By this the decisions of a retreat are divided for a robot with a pellet, where nothing else is said."""
 MOST_DECISIONS = 2**64 - 1
 """Up to which draws count the decisions of an episode."""
 MOST_OUTPUTS = 1_000_000
@@ -111,9 +112,10 @@ class NetworkSpec(Record):
         """Decisions for which robots retreat; None where they do not."""
         if self.retreat_in_place is None:
             return None
-        if self.retreat_with_pellet is None:
-            return RetreatDecisions(self.retreat_in_place, self.retreat_in_place // PELLET_SHARE)
-        return RetreatDecisions(self.retreat_in_place, self.retreat_with_pellet)
+        with_pellet = self.retreat_with_pellet
+        if with_pellet is None:
+            with_pellet = self.retreat_in_place // PELLET_SHARE
+        return RetreatDecisions(self.retreat_in_place, with_pellet)
 
     @property
     def shared(self) -> bool:
@@ -191,9 +193,7 @@ class NetworkSpec(Record):
 
 def check_drawing(settings: Record) -> None:
     """Raise ValueError where one of the fields `DRAWING` is given without the one that it needs."""
-    temperature, *others = DRAWING
-    for name in others:
-        needed = "retreat_in_place" if name == "retreat_with_pellet" else temperature
+    for name, needed in _NEEDED.items():
         if getattr(settings, needed) is None and (given := getattr(settings, name)) is not None:
             raise ValueError(f"{name} is {shown(given)}, but must be absent where {needed} is")
 

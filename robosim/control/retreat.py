@@ -18,8 +18,6 @@ from robosim.errors import InputError
 
 CHANCE = 0.1
 """Of a robot that has stood for a while, in every decision, to begin to retreat."""
-PELLET_SHARE = 3
-"""By this the decisions of a retreat are divided for a robot with a pellet, where nothing else is said."""
 FINE = 4096.0
 """An action is drawn by the first digits of a draw, and a retreat by those behind: it times this, less the
 whole part of that. All of it is exact in float32."""

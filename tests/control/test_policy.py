@@ -448,11 +448,12 @@ def test_records_know_a_team_by_its_weights_and_by_what_robots_in_place_do(tmp_p
     gains = tuple(f"gain {goal} {side}" for goal in ("home", "source") for side in "NSWE")
     card, folder = card_of(size=10, observation=("in place", "laden", *gains)), tmp_path / "p"
     digests = []
-    drawings: tuple[tuple[float | None, ...], ...] = (
-        (), (0.5,), (0.5, 2.0), (0.5, 3.0), (0.5, None, 8), (0.5, 2.0, 8), (0.5, 2.0, 8, 6),
+    warm: tuple[tuple[float | None, ...], ...] = (
+        (0.5, None, None, None), (0.5, 2.0, None, None), (0.5, 3.0, None, None), (0.5, None, 8, None),
+        (0.5, 2.0, 8, None), (0.5, 2.0, 8, 6),
     )  # fmt: skip
-    for drawing in drawings:
-        network = card.network.changed(**dict(zip(DRAWING, drawing, strict=False)))
+    for drawing in ((None, None, None, None), *warm):
+        network = card.network.changed(**dict(zip(DRAWING, drawing, strict=True)))
         save_policy(folder, weights_of(card), card.changed(network=network))
         digests.append(team_digest(folder))
     weights = hashlib.sha256((folder / "policy.safetensors").read_bytes()).hexdigest()
