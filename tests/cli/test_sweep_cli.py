@@ -12,6 +12,7 @@ from robosim.cli.main import main
 from robosim.cli.program import hint
 from robosim.experiments.results import read_results
 from robosim.experiments.sweep import read_sweep
+from tests.processes import hearing_ctrl_c
 
 MIXED = """
 [options]
@@ -141,10 +142,8 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(tmp_path, capsys):
     path = tmp_path / "long.toml"
     path.write_text(LONG)
     command = ["sweep", str(path), "--out", str(tmp_path / "runs"), "--workers", "1"]
-    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    code += f"from robosim.cli.main import main; raise SystemExit(main({command}))"
     process = subprocess.Popen(
-        [sys.executable, "-c", code],
+        hearing_ctrl_c(*command),
         cwd=Path(__file__).parents[2],
         text=True,
         stdout=subprocess.PIPE,

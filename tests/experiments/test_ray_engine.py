@@ -3,7 +3,6 @@
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from robosim.experiments.results import read_results
 from robosim.experiments.runner import run_jobs
 from tests.experiments import cheap
 from tests.experiments.test_local import Notes
+from tests.processes import hearing_ctrl_c
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
@@ -75,9 +75,7 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(tmp_path, capsys):
         "[evaluation]\nepisodes = 1\nsteps = 50\n"
     )
     command = ["sweep", str(path), "--out", str(tmp_path / "runs"), "--engine", "ray", "--workers", "1"]
-    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    code += f"from robosim.cli.main import main; raise SystemExit(main({command}))"
-    process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, env=dict(os.environ))
+    process = subprocess.Popen(hearing_ctrl_c(*command), cwd=ROOT, env=dict(os.environ))
     deadline = time.monotonic() + 120.0
     while not list((tmp_path / "runs").glob("*/work/run/tensorboard/*")):
         assert process.poll() is None

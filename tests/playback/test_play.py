@@ -14,6 +14,7 @@ from robosim.cli.program import hint
 from robosim.envs.vector import VectorEnv
 from robosim.episodes.trajectory import load_trajectory
 from tests.playback.reading import Reading, plain
+from tests.processes import hearing_ctrl_c
 
 
 def test_play_records_and_says_how_to_open_it(tmp_path, capsys):
@@ -329,13 +330,14 @@ def test_without_a_name_no_recording_is_overwritten(tmp_path, monkeypatch):
 
 def test_an_interrupted_film_is_kept_as_far_as_it_came(tmp_path):
     """In a process of its own that hears Ctrl-C."""
-    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    code += "import sys; from robosim.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    film = ["--steps", "2900", "--speed", "16", "--size", "200", "--video", "run.webp"]
     process = subprocess.Popen(
-        [sys.executable, "-c", code, "play", "lanes", "--steps", "2900", "--speed", "16", "--size", "200",
-         "--video", "run.webp"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        hearing_ctrl_c("play", "lanes", *film),
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     # Each of them says that another tenth is filmed.
     begun = [process.stdout.readline() for _ in range(2)]
     process.send_signal(signal.SIGINT)

@@ -3,7 +3,6 @@
 import re
 import signal
 import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from robosim.deploy.controller import Controller
 from robosim.deploy.simulated import SimulatedRobots, driven
 from robosim.playback.bodies import POSITION_GRID
 from tests.playback.reading import Reading
+from tests.processes import hearing_ctrl_c
 
 pytest.importorskip("mujoco")
 DECISIONS = 10
@@ -74,12 +74,8 @@ def test_both_engines_lie_in_one_recording_from_the_same_start(tmp_path, capsys)
 
 def test_ctrl_c_keeps_what_has_been_recorded(tmp_path):
     path = tmp_path / "both.rrd"
-    command = ["deploy", "engines", "paper-2", "--decisions", "2000", "--save", str(path)]
-    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
-    code += f"from robosim.cli.main import main; raise SystemExit(main({command}))"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
+    command = hearing_ctrl_c("deploy", "engines", "paper-2", "--decisions", "2000", "--save", str(path))
+    process = subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdout is not None
     assert process.stdout.readline().startswith("step 200/2000  ")
     process.send_signal(signal.SIGINT)
