@@ -33,7 +33,7 @@ def test_links_and_their_anchors_lead_somewhere(page) -> None:
             assert anchor in anchors(target), f"{link}#{anchor}"
 
 
-@pytest.mark.parametrize(("name", "blocks"), [("first-hour", 1), ("extending", 2)])
+@pytest.mark.parametrize(("name", "blocks"), [("first-hour", 1), ("extending", 3)])
 def test_the_python_of_a_page_runs(name, blocks, capsys) -> None:
     found = re.findall(r"```python\n(.*?)```", (DOCS / f"{name}.md").read_text(encoding="utf-8"), re.DOTALL)
     assert len(found) == blocks

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 
+import pyarrow.parquet
 import pytest
 
 from robosim.plugins import VARIABLE
@@ -16,6 +17,7 @@ import numpy as np
 
 from robosim.analysis.measure.metrics import Metric, register_metric
 from robosim.control.controller import register_controller
+from robosim.discretise.reward import register_reward
 from robosim.learning.algorithms.dqn.config import DqnConfig
 from robosim.learning.algorithms.registry import register_algorithm
 from robosim.learning.technique import Technique, register_technique
@@ -44,6 +46,7 @@ def robots(episode):
 register_technique(Technique("mine", "own", {"hidden": (8,)}, about="A trial."))
 register_controller("still", Still)
 register_metric(Metric("robots there", "", robots))
+register_reward("still", lambda outcome: 100.0 * (outcome.actions == 4))
 '''
 TINY = ["--steps", "40", "--num-envs", "2", "--episode-steps", "20", "--warmup", "4", "--robots", "2"]
 
@@ -86,6 +89,29 @@ def test_commands_and_reports_know_them(robosim, tmp_path):
     assert out.startswith("still in paper, 3 robots, 1 episode of 20 decisions")
     assert "robots there" in (tmp_path / "report" / "index.html").read_text()
     # The team is a team like any other, and needs nothing of its maker's.
+    code, _, said = robosim("evaluate", "run", "--steps", "20", "--episodes", "1", plugins="")
+    assert code == 0, said
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_reward_of_ones_own_teaches_and_the_team_runs_without_it(robosim, tmp_path, workers):
+    """Paid well for standing still, robots do little else, wherever their environments run."""
+    learn = "train --technique ps-dqn --world grid --robots 2 --num-envs 4 --steps 400 --warmup 50"
+    learn = [*learn.split(), "--workers", workers, "--evaluation-steps", "50", "--extra-reward", "still"]
+    learn += ["--out", "run"]
+    code, _, said = robosim(*learn, plugins="")
+    assert (code, said) == (
+        2,
+        'robosim: unknown extra reward "still": none is registered (register_reward).\n',
+    )
+    assert not (tmp_path / "run").exists()
+    code, _, said = robosim(*learn)
+    assert code == 0, said
+    metrics = pyarrow.parquet.read_table(tmp_path / "run" / "metrics.parquet")
+    assert metrics["reward"][-1].as_py() > 70.0
+    card = json.loads((tmp_path / "run" / "policy" / "card.json").read_text())
+    assert card["technique"]["facts"]["extra_reward"] == '"still"'
+    assert card["env"]["reward"]["extra"] is None
     code, _, said = robosim("evaluate", "run", "--steps", "20", "--episodes", "1", plugins="")
     assert code == 0, said
 

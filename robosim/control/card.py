@@ -296,12 +296,16 @@ def card_for(
     """Return the card of a team that learned in `env`; InputError for what does not fit together.
 
     `spec.of_robot` says how many robots the team has: in a curriculum they may be fewer than those of `env`.
-    `technique` is a name for the reader, `facts` what else there is to say of how the team learned.
+    `technique` is a name for the reader, `facts` what else there is to say of how the team learned. An extra
+    reward becomes one of them: whoever runs the team need not have the function.
     """
     check_weights(spec, weights, "weights")
+    said, reward = dict(facts or {}), env.config.reward
+    if reward.extra is not None:
+        said["extra_reward"] = shown(reward.extra)
     return PolicyCard(
-        technique=TechniqueCard(name=technique, facts=dict(facts or {})),
-        env=env.config.changed(robots=spec.robots),
+        technique=TechniqueCard(name=technique, facts=said),
+        env=env.config.changed(robots=spec.robots, reward=reward.changed(extra=None)),
         arena=arena_card(env.arena),
         observation=env.layout.names,
         network=spec,

@@ -1,14 +1,17 @@
-"""The reward of the paper: four signals, weighted, local or shared by the team."""
+"""The reward of the paper: four signals, weighted, local or shared by the team, and what users add to it."""
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from collections.abc import Callable
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from robosim.errors import InputError, nearest_names, shown
 from robosim.records import Record
+from robosim.world.state import Setting, WorldState
 
 RewardKind = Literal["local", "global"]
 Sharing = Literal["copied", "split"]
@@ -23,7 +26,7 @@ CLOSER_SHARE = 0.1
 class RewardConfig(Record):
     """Signals and weights (the paper's section on the reward function)."""
 
-    short_names = {"kind": "reward"} | {
+    short_names = {"kind": "reward", "extra": "extra_reward"} | {
         name: name
         for name in (
             "sharing",
@@ -78,6 +81,8 @@ class RewardConfig(Record):
     `spacing_cost`."""
     spacing_cost: float | None = Field(default=None, ge=0, le=_LARGEST)
     """Charged in full where two centres meet, and evenly less up to `spacing`; the nearest robot counts."""
+    extra: str | None = Field(default=None, min_length=1, max_length=100)
+    """Name of a function that `register_reward` knows, whose pay is added; none for none."""
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -128,3 +133,63 @@ def rewards(
     if config.spacing is not None and config.spacing_cost is not None and nearest is not None:
         own = own - config.spacing_cost * np.clip(1.0 - nearest / config.spacing, 0.0, 1.0)
     return np.asarray(team + own)
+
+
+class Outcome(NamedTuple):
+    """What a decision has led to, in truth, whatever the robots perceived; to be read and not changed."""
+
+    reward: NDArray[np.float64]
+    """[envs, robots] what the decision pays without anything extra."""
+    actions: NDArray[np.int64]
+    """[envs, robots]."""
+    state: WorldState
+    """Where robots and pellets are now, what is held, and who touched what."""
+    setting: Setting
+    """The arena, the team, and how far a robot comes in a decision."""
+    gained: NDArray[np.float64]
+    """[envs, robots] distance gained toward the goal, as a share of what top speed gains in a decision."""
+    laden: NDArray[np.bool_]
+    """[envs, robots] held a pellet before the decision."""
+    pickups: NDArray[np.int64]
+    """[envs, robots] pellets taken for the first time since they were put into the source."""
+    deliveries: NDArray[np.int64]
+    """[envs, robots] pellets delivered; by an excavator, handed over."""
+    collided: NDArray[np.bool_]
+    """[envs, robots] touched another robot while under way."""
+    blocked: NDArray[np.bool_]
+    """[envs, robots] under way, in touch with something, and hardly moved."""
+
+
+ExtraReward = Callable[[Outcome], NDArray[np.floating]]
+"""Returns what is paid in addition, [envs, robots]."""
+_REGISTERED: dict[str, ExtraReward] = {}
+
+
+def register_reward(name: str, function: ExtraReward) -> None:
+    """Make a function known by a name, for `RewardConfig.extra`, in the place of any that had it."""
+    _REGISTERED[name] = function
+
+
+def find_reward(name: str) -> ExtraReward:
+    """Return the function of that name; InputError where there is none."""
+    if name in _REGISTERED:
+        return _REGISTERED[name]
+    end = nearest_names(name, _REGISTERED) if _REGISTERED else "none is registered (register_reward)."
+    raise InputError(f"unknown extra reward {shown(name)}: {end}")
+
+
+def extra_pay(name: str, function: ExtraReward, outcome: Outcome) -> NDArray[np.float64]:
+    """Return what the function of that `name` pays in addition, [envs, robots].
+
+    InputError for another shape, and for what is no finite number.
+    """
+    paid = np.asarray(function(outcome))
+    shape = outcome.reward.shape
+    allowed = f"finite numbers, [envs, robots] = {list(shape)}"
+    if paid.shape != shape or paid.dtype.kind not in "biuf":
+        given = f"of type {paid.dtype} and shape {list(paid.shape)}"
+        raise InputError(f"extra reward {shown(name)} returned an array {given}, but must return {allowed}.")
+    if not np.isfinite(paid).all():
+        wrong = paid[~np.isfinite(paid)][0]
+        raise InputError(f"extra reward {shown(name)} returned {wrong}, but must return {allowed}.")
+    return paid.astype(np.float64)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Zone
 from robosim.discretise.location import Location
-from robosim.discretise.reward import RewardConfig, rewards
+from robosim.discretise.reward import Outcome, RewardConfig, extra_pay, find_reward, rewards
 from robosim.robot.drivers import STOP
 from robosim.robot.team import Role
 from robosim.world.contacts import ContactKind
@@ -49,8 +49,11 @@ class Truth:
     """Judges decisions by the state of the world, [envs, robots, ...]."""
 
     def __init__(self, setting: Setting, reward: RewardConfig) -> None:
+        """Take what is judged by; InputError for an extra reward that nobody has registered."""
         shape = setting.num_envs, setting.robots
         self._reward = reward
+        self._extra = None if reward.extra is None else (reward.extra, find_reward(reward.extra))
+        self._setting = setting
         self._per_travel = 1.0 / setting.travel
         self.collided: Bools = np.zeros(shape, dtype=np.bool_)
         """[envs, robots] touched another robot while under way in the last decision."""
@@ -83,7 +86,10 @@ class Truth:
     def judge(
         self, actions: Integers, state: WorldState, before: Location, now: Location, motion: Motion
     ) -> Floats:
-        """Take in what `actions` [envs, robots] have led to; returns the rewards [envs, robots]."""
+        """Take in what `actions` [envs, robots] have led to; returns the rewards [envs, robots].
+
+        InputError for what an extra reward may not return.
+        """
         self.collided, self.blocked = encounters(actions, state.touched, state.refused, motion)
         was_laden, self._laden = self._laden, state.held >= 0
         gained = before.distances - now.distances
@@ -93,9 +99,10 @@ class Truth:
         if self.hands_over is not None:
             self.handed_over = self._first_handovers(state, self.hands_over)
             deliveries = np.where(self.hands_over, self.handed_over, deliveries)
-        return rewards(
+        share = toward_goal * self._per_travel
+        paid = rewards(
             self._reward,
-            gained=toward_goal * self._per_travel,
+            gained=share,
             collided=self.collided,
             laden=was_laden,
             pickups=pickups,
@@ -104,6 +111,21 @@ class Truth:
             touching=state.touched[ContactKind.ROBOT_ROBOT],
             nearest=None if self._reward.spacing is None else to_nearest(state.pose),
         )
+        if self._extra is None:
+            return paid
+        outcome = Outcome(
+            paid,
+            actions,
+            state,
+            self._setting,
+            share,
+            was_laden,
+            pickups,
+            deliveries,
+            self.collided,
+            self.blocked,
+        )
+        return paid + extra_pay(*self._extra, outcome)
 
     def _first_pickups(self, state: WorldState) -> Integers:
         """Return which robots took a pellet that nobody has been paid for, and mark it as paid.

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robosim.control.controller import make_controller
-from robosim.discretise.reward import RewardConfig, rewards
+from robosim.discretise import reward as registry
+from robosim.discretise.reward import Outcome, RewardConfig, register_reward, rewards
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from tests.discretise.plain import reward_of
@@ -242,3 +243,85 @@ def test_touching_and_nearness_cost_in_the_world_whoever_is_under_way_and_laden_
             touches += touched[env, robot]
     assert touches > 0
     assert charged > 0.75 * touches
+
+
+@pytest.fixture
+def registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forget after the test what it registers."""
+    monkeypatch.setattr(registry, "_REGISTERED", {})
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize("world", ["physics", "grid"])
+def test_an_extra_reward_is_told_what_happened_and_added_to_the_rest(
+    world: Literal["physics", "grid"],
+) -> None:
+    told: list[Outcome] = []
+
+    def mine(outcome: Outcome) -> np.ndarray:
+        told.append(outcome._replace(laden=outcome.laden.copy()))
+        return 0.5 * outcome.laden - 0.25 * (outcome.actions == 4)
+
+    register_reward("mine", mine)
+    plain = VectorEnv("paper", world=world, robots=4, num_envs=2, seed=3, reward="local")
+    extra = VectorEnv("paper", world=world, robots=4, num_envs=2, seed=3, reward="local", extra_reward="mine")
+    keeper = make_controller("lanes")
+    observation, _ = plain.reset(), extra.reset()
+    keeper.reset(plain)
+    pickups, delivered = np.zeros((2, 4)), np.zeros((2, 4))
+    laden = plain.world.state.held >= 0
+    for step in range(200):
+        actions = keeper.act(plain, observation)
+        actions[step % 2, step % 4] = 4
+        usual, paid = plain.step(actions), extra.step(actions)
+        outcome = told[-1]
+        assert np.array_equal(outcome.reward.astype(np.float32), usual.reward)
+        assert np.array_equal(outcome.laden, laden)
+        expected = outcome.reward + 0.5 * laden - 0.25 * (actions == 4)
+        assert np.array_equal(paid.reward, expected.astype(np.float32))
+        assert np.array_equal(outcome.collided, usual.collided)
+        assert np.array_equal(outcome.blocked, usual.blocked)
+        assert outcome.state is extra.world.state
+        assert outcome.setting.arena.name == "paper"
+        laden = plain.world.state.held >= 0
+        pickups += outcome.pickups
+        delivered += outcome.deliveries
+        observation = usual.observation
+    assert len(told) == 200
+    assert np.array_equal(delivered, plain.delivered)
+    assert np.array_equal(pickups - delivered, laden)
+    assert delivered.sum() > 0
+
+
+@pytest.mark.usefixtures("registered")
+def test_an_extra_reward_that_nobody_knows_is_refused() -> None:
+    unknown = 'unknown extra reward "mine": '
+    with pytest.raises(InputError) as caught:
+        VectorEnv(extra_reward="mine")
+    assert str(caught.value) == f"{unknown}none is registered (register_reward)."
+    register_reward("mind", lambda outcome: outcome.reward)
+    with pytest.raises(InputError) as caught:
+        VectorEnv(extra_reward="mine")
+    assert str(caught.value) == f"{unknown}did you mean mind?"
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize(
+    ("returned", "what"),
+    [
+        (np.zeros(3), "an array of type float64 and shape [3]"),
+        (np.zeros((1, 3, 1)), "an array of type float64 and shape [1, 3, 1]"),
+        (np.zeros((1, 3), dtype=complex), "an array of type complex128 and shape [1, 3]"),
+        (None, "an array of type object and shape []"),
+        (np.array([[0.0, np.nan, 1.0]]), "nan"),
+        (np.array([[-np.inf, 0.0, 1.0]]), "-inf"),
+    ],
+)
+def test_what_an_extra_reward_may_not_return_is_a_sentence(returned: object, what: str) -> None:
+    register_reward("mine", lambda outcome: returned)  # type: ignore[arg-type, return-value]
+    env = VectorEnv(robots=3, extra_reward="mine")
+    env.reset()
+    with pytest.raises(InputError) as caught:
+        env.step([[4, 4, 4]])
+    allowed = "finite numbers, [envs, robots] = [1, 3]"
+    assert str(caught.value) == f'extra reward "mine" returned {what}, but must return {allowed}.'
