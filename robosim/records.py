@@ -85,17 +85,15 @@ class Record(BaseModel):
 
     def require_options(self, names: Iterable[str]) -> None:
         """Raise InputError for a name that `with_options` does not know."""
-        known = self.own_options()
+        known = {*self.own_options(), *filter(self._holds_record, type(self).model_fields)}
         for name in names:
-            if name not in known and not self._holds_record(name):
+            if name not in known:
                 raise InputError(f"{shown(name)} is not an option: {nearest_names(name, known)}")
 
     def _holds_record(self, name: str) -> bool:
         """Return whether a field is, or may be, a record."""
-        field = type(self).model_fields.get(name)
-        return isinstance(getattr(self, name, None), Record) or (
-            field is not None and _record_in(field.annotation) is not None
-        )
+        field = type(self).model_fields[name]
+        return isinstance(getattr(self, name), Record) or _record_in(field.annotation) is not None
 
     def with_options(self, **values: Any) -> Self:
         """Return a copy with other values in the fields of these short names, checked anew.

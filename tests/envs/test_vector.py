@@ -345,6 +345,10 @@ def test_as_many_robots_as_fit_and_one_alone_both_run() -> None:
         ({"reward": "team"}, 'reward.kind is "team", but must be "local" or "global".'),
         ({"collision_weight": -1}, "reward.collision_weight is -1, but must be a number from 0 to 1e+06."),
         ({"pheromone_decay": 2}, "pheromone.decay is 2, but must be a number from 1e-06 to 1."),
+        (
+            {"profil": "mocap"},
+            '"profil" is not an option: did you mean profile or profile_name or profile_description?',
+        ),
         ({"warld": 2}, '"warld" is not an option: did you mean world or reward or extra_reward?'),
         ({"warld": None}, '"warld" is not an option: did you mean world or reward or extra_reward?'),
         ({"pheromone": {"radius": 1}}, "pheromone is a table, but must be a PheromoneConfig."),
