@@ -77,16 +77,18 @@ class Readme:
     """Write README.md into a policy's folder, made of its card, with a short clip of the team beside it."""
 
     policy: tyro.conf.Positional[str]
-    """Policy by its folder, or the name of one that ships."""
+    """Policy by its folder."""
     clip: bool = True
     """By default the team is filmed, too; with this a clip that is there stays."""
 
     def run(self) -> None:
         from robosim.cli.model_card import write_readme
-        from robosim.control.policy import README_FILE, RUN_POLICY, find_policy, read_policy
+        from robosim.control.policy import README_FILE, RUN_POLICY, find_policy, policy_names, read_policy
         from robosim.errors import InputError
 
         folder = find_policy(self.policy)
+        if self.policy in policy_names():
+            raise InputError(f"{self.policy!r} ships with its page: {folder / README_FILE}.")
         if folder.name == RUN_POLICY:
             raise InputError(f"{folder}: a run keeps this folder as it wrote it: copy it, and give the copy.")
         write_readme(folder.resolve().name, folder, read_policy(folder), self.clip)

@@ -258,3 +258,11 @@ def test_a_run_keeps_its_policy_folder_to_itself(tmp_path, capsys):
         f"robosim: {tmp_path}/run/policy: a run keeps this folder as it wrote it: "
         "copy it, and give the copy.\n"
     )
+
+
+def test_the_page_of_a_team_that_ships_stays_as_it_is(capsys):
+    page = find_policy("paper-1") / "README.md"
+    before = page.read_bytes(), page.stat().st_mtime_ns
+    assert main(["policy", "readme", "paper-1", "--no-clip"]) == 2
+    assert capsys.readouterr().err == f"robosim: 'paper-1' ships with its page: {page}.\n"
+    assert (page.read_bytes(), page.stat().st_mtime_ns) == before
