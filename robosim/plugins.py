@@ -1,4 +1,4 @@
-"""Code of users that adds techniques, algorithms, controllers and metrics, wherever a command runs.
+"""Code of users that adds techniques, algorithms, rewards, controllers and metrics, wherever a command runs.
 
 Modules register what they bring as they are imported. Which they are is said by the user's own environment:
 the variable `ROBOSIM_PLUGINS`, or an installed package with an entry point in the group `robosim.plugins`.

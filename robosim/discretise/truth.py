@@ -114,16 +114,16 @@ class Truth:
         if self._extra is None:
             return paid
         outcome = Outcome(
-            paid,
-            actions,
-            state,
-            self._setting,
-            share,
-            was_laden,
-            pickups,
-            deliveries,
-            self.collided,
-            self.blocked,
+            reward=paid,
+            actions=actions,
+            state=state,
+            setting=self._setting,
+            gained=share,
+            laden=was_laden,
+            pickups=pickups,
+            deliveries=deliveries,
+            collided=self.collided,
+            blocked=self.blocked,
         )
         return paid + extra_pay(*self._extra, outcome)
 
