@@ -1,5 +1,7 @@
 """Pages: Python for newcomers runs, links and anchors lead somewhere, the site knows every page."""
 
+import ast
+import itertools
 import re
 import shlex
 import tomllib
@@ -56,6 +58,38 @@ def test_the_names_that_robosim_offers_are_on_the_page_of_the_api() -> None:
     assert [
         name for name in robosim.__all__ if name != "__version__" and f"`robosim.{name}`" not in page
     ] == []
+
+
+def imports(code: str) -> set[tuple[str, str]]:
+    """Return modules of robosim, and the names that a text of Python imports from them."""
+    return {
+        (node.module, alias.name)
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("robosim.")
+        for alias in node.names
+    }
+
+
+def home(module: str, name: str) -> str:
+    """Return the module that a package has a name from; a module has its own."""
+    package = ROOT / module.replace(".", "/") / "__init__.py"
+    within = imports(package.read_text(encoding="utf-8")) if package.exists() else set()
+    return next((inner for inner, one in within if one == name), module)
+
+
+def test_what_the_pages_import_is_on_the_page_of_the_api() -> None:
+    """What users are told to import is public: it stands there, under its own module."""
+    page = (DOCS / "api.md").read_text(encoding="utf-8")
+    parts = re.findall(r"^::: (\S+)\n(?:    options:\n      members: \[(.*)\])?", page, re.MULTILINE)
+    public = {module: members.split(", ") for module, members in parts}
+    blocks = [re.findall(r"```python\n(.*?)```", one.read_text(encoding="utf-8"), re.DOTALL) for one in PAGES]
+    found = {(home(*one), one[1]) for code in itertools.chain(*blocks) for one in imports(code)}
+    assert len(found) > 30
+    assert {
+        (module, name)
+        for module, name in found
+        if module not in public or (public[module] != [""] and name not in public[module])
+    } == set()
 
 
 def test_versions_agree() -> None:
