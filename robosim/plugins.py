@@ -26,15 +26,29 @@ GROUP = "robosim.plugins"
 @cache
 def load_plugins() -> None:
     """Import the modules that the user's environment names, once; InputError for one that cannot be."""
-    for name in filter(None, map(str.strip, os.environ.get(VARIABLE, "").split(","))):
+    for name in _named():
         _load(name, f"{VARIABLE} names {shown(name)}")
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
         _load(entry.module, f"the entry point {shown(entry.name)} of {GROUP} names {shown(entry.module)}")
 
 
+def variable_elsewhere() -> dict[str, str]:
+    """Return the variable, if it is set, as a process in another folder needs it: files by whole paths."""
+    names = [str(Path(name).absolute()) if _is_file(name) else name for name in _named()]
+    return {VARIABLE: ",".join(names)} if names else {}
+
+
+def _named() -> list[str]:
+    return list(filter(None, map(str.strip, os.environ.get(VARIABLE, "").split(","))))
+
+
+def _is_file(name: str) -> bool:
+    return name.endswith(".py")
+
+
 def _load(name: str, who: str) -> None:
     try:
-        if name.endswith(".py"):
+        if _is_file(name):
             _load_file(Path(name).absolute())
         else:
             importlib.import_module(name)

@@ -8,7 +8,7 @@ import sys
 import pyarrow.parquet
 import pytest
 
-from robosim.plugins import VARIABLE
+from robosim.plugins import VARIABLE, variable_elsewhere
 
 PLUGIN = '''
 from typing import Literal
@@ -130,3 +130,11 @@ def test_what_cannot_be_imported_is_a_sentence(robosim, tmp_path, plugins, name,
     assert code == 2
     assert said.startswith(f'robosim: ROBOSIM_PLUGINS names "{name}", which cannot be imported ({error}: ')
     assert said.count("\n") == 1
+
+
+def test_a_process_in_another_folder_is_told_whole_paths(monkeypatch, tmp_path):
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert variable_elsewhere() == {}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(VARIABLE, "package.mine, own.py ,/else/where.py,")
+    assert variable_elsewhere() == {VARIABLE: f"package.mine,{tmp_path}/own.py,/else/where.py"}

@@ -19,6 +19,7 @@ from robosim.experiments.jobs import Failure, Job, Work, attempt_job
 from robosim.experiments.local import ONE_THREAD
 from robosim.experiments.results import Result
 from robosim.experiments.runner import Watch
+from robosim.plugins import variable_elsewhere
 
 _LOOK = 0.5
 """Time between two looks at what the jobs report, s."""
@@ -105,7 +106,7 @@ def _connected(address: str | None, workers: int | None) -> Iterator[None]:
     # Nobody is told of what is run here.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     options: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
-    options |= {"runtime_env": {"env_vars": ONE_THREAD}}
+    options |= {"runtime_env": {"env_vars": ONE_THREAD | variable_elsewhere()}}
     if address is None:
         options |= {"num_cpus": workers, "include_dashboard": False}
     try:

@@ -3,12 +3,15 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("ray")
+
+from ray.cluster_utils import Cluster
 
 from robosim.cli.main import main
 from robosim.errors import InputError
@@ -17,6 +20,7 @@ from robosim.experiments.local import LocalEngine
 from robosim.experiments.ray_engine import RayEngine
 from robosim.experiments.results import read_results
 from robosim.experiments.runner import run_jobs
+from robosim.plugins import VARIABLE
 from tests.experiments import cheap
 from tests.experiments.test_local import Notes
 from tests.processes import hearing_ctrl_c
@@ -87,3 +91,33 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(tmp_path, capsys):
     assert list((run_folder / "checkpoints").iterdir())
     assert main(command) == 0
     assert "1 run done, 0 skipped" in capsys.readouterr().out
+
+
+def test_a_clusters_processes_find_code_of_users(tmp_path):
+    """The cluster was started without the variable, and elsewhere."""
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\n"
+        "from robosim.control.controller import register_controller\n\n\n"
+        "class Still:\n"
+        '    name = "still"\n\n'
+        "    def reset(self, env):\n"
+        "        pass\n\n"
+        "    def act(self, env, observation):\n"
+        "        return np.full((env.num_envs, env.robots), 4)\n\n\n"
+        'register_controller("still", Still)\n'
+    )
+    (tmp_path / "sweep.toml").write_text(
+        '[options]\ntechnique = "still"\nworld = "grid"\nrobots = 2\n[evaluation]\nepisodes = 1\nsteps = 20\n'
+    )
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    try:
+        command = [sys.executable, "-m", "robosim", "sweep", "sweep.toml", "--engine", "ray"]
+        done = subprocess.run(
+            [*command, "--address", cluster.address], cwd=tmp_path, env=os.environ | {VARIABLE: "mine.py"},
+            capture_output=True, text=True, check=False, timeout=200,
+        )  # fmt: skip
+    finally:
+        cluster.shutdown()
+    assert done.returncode == 0, done.stderr
+    (result,) = read_results(tmp_path / "sweep.results.jsonl").values()
+    assert result.config["run"]["technique"] == "still"
