@@ -128,23 +128,32 @@ def read_runs(paths: Iterable[str | Path]) -> list[Run]:
     """Read all runs that `paths` hold, in order of task, system and seed.
 
     A path is a run folder, a folder with run folders below it, a file of results, or a file that
-    `robosim evaluate --json` wrote. A run that is found twice counts once, and the evaluations of one trained
-    team are one run: further episodes are no repetition of its training. Beside the run itself they do not
-    count. InputError for a path without runs, a run without an evaluation, two different runs of one system,
-    task and seed, and two arenas, or two profiles, of one name.
+    `robosim evaluate --json` wrote. A run that is found twice counts once, by its longer evaluation if the
+    shorter one is the beginning of it, and the evaluations of one trained team are one run: further episodes
+    are no repetition of its training. Beside the run itself they do not count. InputError for a path without
+    runs, a run without an evaluation, two different runs of one system, task and seed, and two arenas, or two
+    profiles, of one name.
     """
     runs = name_systems([run for path in paths for run in _runs_in(Path(path))])
     require_same_tasks(runs)
     _require_same("profiles", runs, lambda run: (str(run.options.get("profile")), run.learned_under))
     found: dict[tuple[str, Task, int, int | None], Run] = {}
     for run in runs:
-        same = found.setdefault((run.system, run.task, run.seed, run.episodes_seed), run)
-        if list(same.figures.get(PELLETS, ())) != list(run.figures.get(PELLETS, ())):
-            raise InputError(
-                f"{same.source} and {run.source} are both {run.system} with seed {run.seed} in {run.task}, "
-                "but with other results: give one of them."
-            )
+        known = run.system, run.task, run.seed, run.episodes_seed
+        found[known] = _longer(found[known], run) if known in found else run
     return sorted(_pooled(found.values()), key=lambda run: (run.task, run.system, run.seed))
+
+
+def _longer(one: Run, other: Run) -> Run:
+    """Return the evaluation of more episodes; InputError unless those of the other are the first of them."""
+    first, second = (list(run.figures.get(PELLETS, ())) for run in (one, other))
+    both = min(len(first), len(second))
+    if first[:both] != second[:both] or (not both and first != second):
+        raise InputError(
+            f"{one.source} and {other.source} are both {one.system} with seed {one.seed} in {one.task}, "
+            "but with other results: give one of them."
+        )
+    return other if len(second) > len(first) else one
 
 
 def _pooled(runs: Iterable[Run]) -> Iterator[Run]:

@@ -1,3 +1,4 @@
+import itertools
 import json
 import subprocess
 import sys
@@ -145,6 +146,21 @@ def test_a_run_given_twice_counts_once_and_two_that_contradict_are_refused(tmp_p
         f"{tmp_path}/a and {tmp_path}/b are both iql+s with seed 0 in {TASK}, "
         "but with other results: give one of them."
     )
+
+
+def test_an_evaluation_that_goes_on_from_another_takes_its_place(tmp_path):
+    made.folder(tmp_path / "a", "iql+s", 0, [4, 6])
+    made.folder(tmp_path / "b", "iql+s", 0, [4, 6, 5])
+    made.folder(tmp_path / "c", "iql+s", 0, [4])
+    for order in itertools.permutations("abc"):
+        (run,) = read_runs([tmp_path / one for one in order])
+        assert list(run.figures["pellets"]) == [4, 6, 5]
+        assert run.source == f"{tmp_path}/b"
+    made.folder(tmp_path / "d", "iql+s", 0, [4, 7])
+    for other in "ab":
+        with pytest.raises(InputError, match="but with other results"):
+            read_runs([tmp_path / "d", tmp_path / other])
+    assert len(read_runs([tmp_path / "c", tmp_path / "d"])) == 1
 
 
 def test_arenas_of_one_name_must_be_one(tmp_path):
