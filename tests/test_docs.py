@@ -35,9 +35,13 @@ def test_links_and_their_anchors_lead_somewhere(page) -> None:
             assert anchor in anchors(target), f"{link}#{anchor}"
 
 
+def python_of(page) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
 @pytest.mark.parametrize(("name", "blocks"), [("first-hour", 1), ("extending", 3)])
 def test_the_python_of_a_page_runs(name, blocks, capsys) -> None:
-    found = re.findall(r"```python\n(.*?)```", (DOCS / f"{name}.md").read_text(encoding="utf-8"), re.DOTALL)
+    found = python_of(DOCS / f"{name}.md")
     assert len(found) == blocks
     code = (
         "\n".join(found).replace("episode_steps=200", "episode_steps=60").replace("range(200)", "range(60)")
@@ -82,8 +86,8 @@ def test_what_the_pages_import_is_on_the_page_of_the_api() -> None:
     page = (DOCS / "api.md").read_text(encoding="utf-8")
     parts = re.findall(r"^::: (\S+)\n(?:    options:\n      members: \[(.*)\])?", page, re.MULTILINE)
     public = {module: members.split(", ") for module, members in parts}
-    blocks = [re.findall(r"```python\n(.*?)```", one.read_text(encoding="utf-8"), re.DOTALL) for one in PAGES]
-    found = {(home(*one), one[1]) for code in itertools.chain(*blocks) for one in imports(code)}
+    codes = itertools.chain.from_iterable(map(python_of, PAGES))
+    found = {(home(*one), one[1]) for code in codes for one in imports(code)}
     assert len(found) > 30
     assert {
         (module, name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from robosim.errors import InputError, nearest_names, shown
+from robosim.plugins import load_plugins
 from robosim.records import Record
 from robosim.world.state import Setting, WorldState
 
@@ -171,18 +173,19 @@ def register_reward(name: str, function: ExtraReward) -> None:
 
 
 def find_reward(name: str) -> ExtraReward:
-    """Return the function of that name; InputError where there is none."""
-    if name in _REGISTERED:
-        return _REGISTERED[name]
-    end = nearest_names(name, _REGISTERED) if _REGISTERED else "none is registered (register_reward)."
-    raise InputError(f"unknown extra reward {shown(name)}: {end}")
+    """Return the function of that name, which raises InputError for what it may not return.
 
-
-def extra_pay(name: str, function: ExtraReward, outcome: Outcome) -> NDArray[np.float64]:
-    """Return what the function of that `name` pays in addition, [envs, robots].
-
-    InputError for another shape, and for what is no finite number.
+    InputError where there is none, also in the modules that the user's environment names.
     """
+    if name not in _REGISTERED:
+        load_plugins()
+    if name not in _REGISTERED:
+        end = nearest_names(name, _REGISTERED) if _REGISTERED else "none is registered (register_reward)."
+        raise InputError(f"unknown extra reward {shown(name)}: {end}")
+    return partial(_checked_pay, name, _REGISTERED[name])
+
+
+def _checked_pay(name: str, function: ExtraReward, outcome: Outcome) -> NDArray[np.float64]:
     paid = np.asarray(function(outcome))
     shape = outcome.reward.shape
     allowed = f"finite numbers, [envs, robots] = {list(shape)}"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robosim.arena.model import Zone
 from robosim.discretise.location import Location
-from robosim.discretise.reward import Outcome, RewardConfig, extra_pay, find_reward, rewards
+from robosim.discretise.reward import Outcome, RewardConfig, find_reward, rewards
 from robosim.robot.drivers import STOP
 from robosim.robot.team import Role
 from robosim.world.contacts import ContactKind
@@ -52,7 +52,7 @@ class Truth:
         """Take what is judged by; InputError for an extra reward that nobody has registered."""
         shape = setting.num_envs, setting.robots
         self._reward = reward
-        self._extra = None if reward.extra is None else (reward.extra, find_reward(reward.extra))
+        self._extra = None if reward.extra is None else find_reward(reward.extra)
         self._setting = setting
         self._per_travel = 1.0 / setting.travel
         self.collided: Bools = np.zeros(shape, dtype=np.bool_)
@@ -125,7 +125,7 @@ class Truth:
             collided=self.collided,
             blocked=self.blocked,
         )
-        return paid + extra_pay(*self._extra, outcome)
+        return paid + self._extra(outcome)
 
     def _first_pickups(self, state: WorldState) -> Integers:
         """Return which robots took a pellet that nobody has been paid for, and mark it as paid.

@@ -32,7 +32,6 @@ from robosim.envs.vector import (
 )
 from robosim.episodes.frame import Frame
 from robosim.errors import InputError, refused, whole_number
-from robosim.plugins import load_plugins
 from robosim.world.motion import MotionDraws
 
 _PATIENCE = 5.0
@@ -338,7 +337,6 @@ def _work(
         answer: object = None
         try:
             if env is None:
-                load_plugins()  # a reward may be one of theirs
                 env = VectorEnv(num_envs=share.stop - share.start, **arguments)
             command, argument = message
             if command == "reset":

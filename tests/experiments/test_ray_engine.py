@@ -24,6 +24,7 @@ from robosim.plugins import VARIABLE
 from tests.experiments import cheap
 from tests.experiments.test_local import Notes
 from tests.processes import hearing_ctrl_c
+from tests.test_plugins import PLUGIN
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
@@ -95,17 +96,7 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(tmp_path, capsys):
 
 def test_a_clusters_processes_find_code_of_users(tmp_path):
     """The cluster was started without the variable, and elsewhere."""
-    (tmp_path / "mine.py").write_text(
-        "import numpy as np\n"
-        "from robosim.control.controller import register_controller\n\n\n"
-        "class Still:\n"
-        '    name = "still"\n\n'
-        "    def reset(self, env):\n"
-        "        pass\n\n"
-        "    def act(self, env, observation):\n"
-        "        return np.full((env.num_envs, env.robots), 4)\n\n\n"
-        'register_controller("still", Still)\n'
-    )
+    (tmp_path / "mine.py").write_text(PLUGIN)
     (tmp_path / "sweep.toml").write_text(
         '[options]\ntechnique = "still"\nworld = "grid"\nrobots = 2\n[evaluation]\nepisodes = 1\nsteps = 20\n'
     )
