@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -56,20 +56,38 @@ def check_fit(card: PolicyCard, team: Team, name: str) -> None:
 
     It may drive robots in another world than the one in which it learned, at the pace of that world.
     """
-    differences = [
+    numbers, bodies = _differences(_numbers(card, team)), _differences(_bodies(card, team))
+    # Whoever has other robots would like to know what to do.
+    end = "" if numbers or not bodies else "; to train a team for what is here, go on from it by --start-from"
+    _refuse(numbers + bodies or _observations(card, team), team, name, end)
+
+
+def check_start(card: PolicyCard, team: Team, name: str) -> None:
+    """Raise InputError, in one sentence, if a team cannot go on learning from a policy of that card.
+
+    Observations and actions must be the same numbers; other bodies, cells and clocks are there to be learned.
+    """
+    _refuse(_differences(_numbers(card, team)) or _observations(card, team), team, name)
+
+
+def _refuse(differences: Sequence[str], team: Team, name: str, end: str = "") -> None:
+    if differences:
+        raise InputError(
+            f"policy {name} does not fit arena {team.arena.name!r}: {'; '.join(differences)}{end}."
+        )
+
+
+def _differences(facts: Iterable[tuple[str, object, object]]) -> list[str]:
+    return [
         f"{what} was {trained} in training and is {given} here"
-        for what, trained, given in _facts(card, team)
+        for what, trained, given in facts
         if trained != given
     ]
-    if not differences:
-        differences = list(_observations(card.observation, team.layout.names))
-    if differences:
-        raise InputError(f"policy {name} does not fit arena {team.arena.name!r}: {'; '.join(differences)}.")
 
 
-def _facts(card: PolicyCard, team: Team) -> Iterator[tuple[str, object, object]]:
-    """Yield what must be equal: what it is, in training, and here."""
-    config, arena = team.config, team.arena
+def _numbers(card: PolicyCard, team: Team) -> Iterator[tuple[str, object, object]]:
+    """Yield what numbers of observations and actions mean: what it is, in training, and here."""
+    config = team.config
     if not card.network.shared:
         yield "robots", card.robots, team.robots
     yield "actions", card.env.actions, config.actions
@@ -80,17 +98,21 @@ def _facts(card: PolicyCard, team: Team) -> Iterator[tuple[str, object, object]]
     if card.env.stigmergy:
         for field, value in card.env.pheromone.model_dump().items():
             yield f"pheromone {field}", value, getattr(config.pheromone, field)
-    yield "cell size (m)", card.arena.cell_size, arena.cell_size
-    if card.env.world == config.world:
-        yield "decision period (s)", card.arena.timing.decision_period, arena.timing.decision_period
-    here = arena_card(arena)
-    if card.arena.groups is None and here.groups is None:
-        yield from _sheets("robot", card.arena.robot, here.robot)
-        return
     trained, given = (
-        [(one.name, one.role, one.count) for one in part.groups or ()] for part in (card.arena, here)
+        [(one.name, one.role, one.count) for one in groups or ()]
+        for groups in (card.arena.groups, arena_card(team.arena).groups)
     )
     yield "groups of robots", trained, given
+
+
+def _bodies(card: PolicyCard, team: Team) -> Iterator[tuple[str, object, object]]:
+    """Yield what moves, on what and how often: what it is, in training, and here."""
+    here = arena_card(team.arena)
+    yield "cell size (m)", card.arena.cell_size, here.cell_size
+    if card.env.world == team.config.world:
+        yield "decision period (s)", card.arena.timing.decision_period, here.timing.decision_period
+    if card.arena.groups is None and here.groups is None:
+        yield from _sheets("robot", card.arena.robot, here.robot)
     for one, other in zip(card.arena.groups or (), here.groups or (), strict=False):
         yield from _sheets(f"robot of {one.name}", one.robot, other.robot)
 
@@ -100,12 +122,13 @@ def _sheets(what: str, trained: RobotSection, given: RobotSection) -> Iterator[t
         yield f"{what} {field}", value, getattr(given, field)
 
 
-def _observations(trained: tuple[str, ...], given: tuple[str, ...]) -> Iterator[str]:
-    """Yield how the first numbers that differ do, if any do."""
+def _observations(card: PolicyCard, team: Team) -> list[str]:
+    """Return how the first numbers of an observation that differ do, if any do."""
+    trained, given = card.observation, team.layout.names
     for place, (one, other) in enumerate(zip(trained, given, strict=False)):
         if one != other:
             # The card may come from a stranger: what it says must not steer a terminal.
-            yield f"observation entry {place} was {shown(one)} in training and is {shown(other)} here"
-            return
+            return [f"observation entry {place} was {shown(one)} in training and is {shown(other)} here"]
     if len(trained) != len(given):
-        yield f"observation size was {len(trained)} in training and is {len(given)} here"
+        return [f"observation size was {len(trained)} in training and is {len(given)} here"]
+    return []

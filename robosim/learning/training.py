@@ -13,7 +13,7 @@ import torch
 from pydantic import Field, TypeAdapter
 
 from robosim.control.card import MOST, StageCard
-from robosim.control.learned import check_fit
+from robosim.control.learned import check_start
 from robosim.control.network import DRAWING, NetworkSpec
 from robosim.control.policy import Policy, load_policy
 from robosim.envs.mixed import MixedVectorEnv
@@ -271,7 +271,7 @@ def starting_team(config: RunConfig, policy: Policy) -> tuple[AlgorithmConfig, A
     except InputError as error:
         raise InputError(f"start_from {shown(start)} {error}") from None
     if card.robots <= robots or spec.shared:
-        check_fit(card, evaluation_env(config, 1, 0, min(card.robots, robots)), start)
+        check_start(card, evaluation_env(config, 1, 0, min(card.robots, robots)), start)
     # How a team draws its actions is said by the run that leaves it, not by the one that begins with it.
     actors = Actors(spec.changed(precision="float32", **dict.fromkeys(DRAWING)), policy.weights())
     if algorithm.shares_parameters and spec.shared:

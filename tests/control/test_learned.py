@@ -61,16 +61,18 @@ def test_another_body_cell_or_clock_is_refused(fitting, weights_of):
     arena = arena_card(env.arena)
     period = env.arena.timing.decision_period
     for changes, reason in (
-        ({"robot": RobotSection(mass=0.5)}, "robot mass was 0.5 in training and is 0.4 here."),
-        ({"cell_size": 0.2}, "cell size (m) was 0.2 in training and is 0.15 here."),
+        ({"robot": RobotSection(mass=0.5)}, "robot mass was 0.5 in training and is 0.4 here"),
+        ({"cell_size": 0.2}, "cell size (m) was 0.2 in training and is 0.15 here"),
         (
             {"timing": TimingSection(decision_period=1.2)},
-            f"decision period (s) was 1.2 in training and is {period} here.",
+            f"decision period (s) was 1.2 in training and is {period} here",
         ),
     ):
         with pytest.raises(InputError, match="does not fit") as caught:
             controller(fitting(arena=arena.changed(**changes)), weights_of).reset(env)
-        assert str(caught.value).endswith(reason)
+        assert str(caught.value).endswith(
+            f"{reason}; to train a team for what is here, go on from it by --start-from."
+        )
 
 
 def test_another_world_may_keep_another_time_but_not_another_body(fitting, weights_of):

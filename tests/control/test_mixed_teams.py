@@ -94,7 +94,10 @@ def test_a_card_shows_the_groups_and_fits_no_other_team() -> None:
     for other, sentence in (
         (
             text.replace("max_wheel_speed = 25.0", "max_wheel_speed = 20.0"),
-            "robot of transporters max_wheel_speed was 25.0 in training and is 20.0 here",
+            (
+                "robot of transporters max_wheel_speed was 25.0 in training and is 20.0 here; to train a "
+                "team for what is here, go on from it by --start-from"
+            ),
         ),
         (
             text.replace('role = "transporter"', 'role = "transporter"\ncount = 2'),

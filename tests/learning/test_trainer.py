@@ -13,6 +13,7 @@ import torch
 from robosim.arena import load_arena
 from robosim.cli.program import hint
 from robosim.control.card import Evaluation
+from robosim.control.controller import make_controller
 from robosim.control.policy import load_policy
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
@@ -450,6 +451,26 @@ def test_a_curriculum_goes_on_from_a_shipped_team_with_its_layers_and_its_mask(t
         np.testing.assert_array_equal(after[name][:2], array)
     observation = VectorEnv("paper", robots=4, num_envs=3).reset()
     np.testing.assert_array_equal(team.act(observation)[:, :2], shipped.act(observation[:, :2]))
+
+
+def test_a_team_for_other_robots_goes_on_from_one_that_fits_no_longer(tmp_path):
+    other = load_arena("paper").text + "\n[robot]\nmass = 0.5\nmax_wheel_speed = 9.0\n"
+    config = short("ps-dqn", robots=2, arena=other, evaluation_episodes=0)
+    run(tmp_path / "before", short("ps-dqn", robots=2, evaluation_episodes=0))
+    env = VectorEnv(other, robots=2)
+    env.reset()
+    refused = "robot mass was 0.4 in training and is 0.5 here; robot max_wheel_speed was 12.5 in training"
+    with pytest.raises(InputError, match=refused):
+        make_controller(tmp_path / "before").reset(env)
+    run(tmp_path / "other", config.with_options(start_from=str(tmp_path / "before"), warmup=10**6))
+    team = load_policy(tmp_path / "other")
+    assert (team.card.arena.robot.mass, team.card.arena.robot.max_wheel_speed) == (0.5, 9.0)
+    # Before the first update it is the team that it comes from.
+    assert weights(tmp_path / "other") == weights(tmp_path / "before")
+    make_controller(tmp_path / "other").reset(env)
+    blind = config.with_options(start_from=str(tmp_path / "before"), stigmergy=False)
+    with pytest.raises(InputError, match="stigmergy was True in training and is False here"):
+        run(tmp_path / "blind", blind)
 
 
 def test_a_run_needs_neither_its_arenas_file_nor_the_folder_it_was_begun_in(tmp_path, monkeypatch):
