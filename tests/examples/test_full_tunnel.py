@@ -16,7 +16,7 @@ def example(examples, monkeypatch):
     return importlib.import_module("full_tunnel")
 
 
-def pay(example, outcome: Outcome) -> np.ndarray:
+def pay(outcome: Outcome) -> np.ndarray:
     """What the example says that it pays, robot by robot."""
     arena = outcome.setting.arena
     expected = np.zeros(outcome.reward.shape)
@@ -36,7 +36,7 @@ def test_who_stands_in_a_full_tunnel_pays_and_who_waits_outside_does_not(example
     compared = []
 
     def record(outcome: Outcome) -> np.ndarray:
-        compared.append((example.full(outcome), pay(example, outcome)))
+        compared.append((example.full(outcome), pay(outcome)))
         return compared[-1][0]
 
     register_reward("recorded", record)
