@@ -125,6 +125,7 @@ def test_an_evaluation_shows_its_episodes() -> None:
     evaluation = Evaluation(
         controller=HOSTILE[:100], arena="<i>paper", robots=2, episode_steps=100, seed=3,
         delivered=[[1, 2]] * 30, collisions=[4] * 30, closest=[0.25, *[0.5] * 29],
+        longest_lapse=[50, 100, *[40] * 28],
     )  # fmt: skip
     markup = evaluation._repr_html_()
     check_harmless(markup)
@@ -132,5 +133,6 @@ def test_an_evaluation_shows_its_episodes() -> None:
     assert cells["team"] == "2 robots in arena <i>paper, world physics"
     assert cells["in each episode"] == "3 " * 20 + "..."
     assert cells["by robot"] == "1.0 2.0"
+    assert cells["longest lapse"] == "100 decisions without a delivery"
     assert cells["collisions"] == "4.0 per episode"
     assert cells["least distance of two robots"] == "0.250 m"

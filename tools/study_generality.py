@@ -19,8 +19,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from robosim.arena import load_arena
 from robosim.arena.random import random_arena
 from robosim.control.card import Evaluation
@@ -28,7 +26,6 @@ from robosim.control.controller import Controller, make_controller
 from robosim.control.environment import environment_for
 from robosim.control.evaluate import evaluate
 from robosim.control.policy import find_policy, load_policy, policy_names, team_digest
-from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError
 from robosim.files import whole_file
 
@@ -48,26 +45,6 @@ class Measure(NamedTuple):
     """In the worst episode."""
     lapse: int
     """Longest time without any delivery, over all episodes, decisions; the end of an episode ends it."""
-
-
-class Lapses:
-    """Watches for the longest time without any delivery."""
-
-    def __init__(self) -> None:
-        self.longest = 0
-
-    def begin(self, env: VectorEnv) -> None:
-        self._last = np.zeros(env.num_envs, dtype=np.int64)
-        self._total = np.zeros(env.num_envs, dtype=np.int64)
-
-    def step(self, env: VectorEnv) -> None:
-        total = env.delivered.sum(axis=1)
-        self.longest = max(self.longest, int((env.steps_taken - self._last).max()))
-        self._last[total > self._total] = env.steps_taken
-        self._total = total
-
-    def end(self, env: VectorEnv, wanted: int) -> None:
-        """Nothing is left to do."""
 
 
 class Study:
@@ -96,21 +73,21 @@ class Study:
                 return Measure(known["pellets"], known["worst"], known["lapse"])
         if not self._measures:
             return None
-        result, lapse = self._run(make_controller(name), arena, robots)
-        measure = Measure(result.mean, min(result.totals), lapse)
+        result = self._run(make_controller(name), arena, robots)
+        measure = Measure(result.mean, min(result.totals), max(result.longest_lapse or (0,)))
         self._known.append(about | measure._asdict())
         self._out.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(self._out) as part:
             part.write_text("".join(json.dumps(one) + "\n" for one in self._known), encoding="utf-8")
         return measure
 
-    def _run(self, team: Controller, arena: str, robots: int) -> tuple[Evaluation, int]:
-        settings, lapses = self._settings, Lapses()
+    def _run(self, team: Controller, arena: str, robots: int) -> Evaluation:
+        settings = self._settings
         episodes, seed = settings["episodes"], settings["seed"]
         env = environment_for(
             team, arena, robots, num_envs=episodes, seed=seed, episode_steps=settings["steps"] or None
         )
-        return evaluate(team, env, episodes, seed, [lapses]), lapses.longest
+        return evaluate(team, env, episodes, seed)
 
 
 def _weights(name: str) -> str:

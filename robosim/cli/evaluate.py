@@ -256,11 +256,13 @@ def lines_of(standings: Sequence[Standing]) -> list[str]:
     """Return what several teams did as lines of text: a table, a row for each."""
     from robosim.cli.tables import aligned, written
 
-    columns = ["team", "arena", "robots", "pellets per episode, 95 % interval", "collisions", "closest (m)"]
+    columns = ["team", "arena", "robots", "pellets per episode, 95 % interval"]
+    columns += ["without a delivery", "collisions", "closest (m)"]
     rows = [columns]
     for one in standings:
         what = one.evaluation
         grid = " (grid world)" if what.world == "grid" else ""
+        lapse = str(max(what.longest_lapse)) if what.longest_lapse else "-"
         closest = f"{min(what.closest):.4f}" if what.closest else "-"
         rows.append(
             [
@@ -268,6 +270,7 @@ def lines_of(standings: Sequence[Standing]) -> list[str]:
                 f"{what.arena}{grid}",
                 str(what.robots),
                 written(one.pellets, 1),
+                lapse,
                 written(one.collisions, 1),
                 closest,
             ]
@@ -301,6 +304,11 @@ def summary(evaluation: Evaluation) -> str:
     profile = f" (profile {_named(evaluation.profile)})" if evaluation.profile else ""
     spread = f" (standard deviation {evaluation.std:.1f})" if evaluation.episodes > 1 else ""
     episodes = "episodes" if evaluation.episodes > 1 else "episode"
+    lapse = ""
+    if evaluation.longest_lapse:
+        longest = max(evaluation.longest_lapse)
+        where = f", in episode {evaluation.longest_lapse.index(longest)}" if evaluation.episodes > 1 else ""
+        lapse = f"  without a delivery      at most {longest} decisions{where}\n"
     closest = f"\n  closest, centres        {min(evaluation.closest):.4f} m" if evaluation.closest else ""
     return (
         f"{without_controls(evaluation.controller)} in {evaluation.arena}{grid}{profile}, "
@@ -308,7 +316,7 @@ def summary(evaluation: Evaluation) -> str:
         f"{evaluation.episode_steps} decisions:\n"
         f"  pellets per episode     {evaluation.mean:.1f}{spread}\n"
         f"  of each robot           {robots}\n"
-        f"{groups}"
+        f"{groups}{lapse}"
         f"  collisions per episode  {sum(evaluation.collisions) / evaluation.episodes:.1f}"
         f"{closest}"
     )

@@ -140,6 +140,9 @@ class Evaluation(Record):
     """What was random and wrong about robots and what they perceived; none for nothing."""
     closest: Many[Annotated[float, Field(ge=0)]] | None = None
     """[episodes] the least distance between the centres of two robots, m; none for one robot."""
+    longest_lapse: Many[Count] | None = None
+    """[episodes] the longest time without a delivery, decisions: from one to the next, from the beginning to
+    the first or from the last to the end; none where it was not measured."""
     groups: Many[Text] | None = None
     """[robots] name of the group of each in a mixed team; none for a team of equals."""
     handed_over: Many[Many[Count]] | None = None
@@ -209,6 +212,8 @@ class Evaluation(Record):
             raise ValueError(f"collisions must hold {self.episodes} numbers, one for each episode")
         if self.closest is not None and len(self.closest) != self.episodes:
             raise ValueError(f"closest must hold {self.episodes} numbers, one for each episode")
+        if self.longest_lapse is not None and len(self.longest_lapse) != self.episodes:
+            raise ValueError(f"longest_lapse must hold {self.episodes} numbers, one for each episode")
         return self
 
 

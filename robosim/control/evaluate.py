@@ -53,6 +53,7 @@ def evaluate(
     handed_over: list[tuple[int, ...]] = []
     collisions: list[int] = []
     closest: list[float] = []
+    lapses: list[int] = []
     env.world.meter()
     team = env.world.team
     # Who watches reads the last decision after it, so the next episode must not begin by itself.
@@ -63,11 +64,14 @@ def evaluate(
             controller.reset(env)
             for one in watch:
                 one.begin(env)
-            collided = np.zeros(env.num_envs, dtype=np.int64)
-            for _ in range(env.episode_steps):
+            collided, total, last, lapse = np.zeros((4, env.num_envs), dtype=np.int64)
+            for step in range(1, env.episode_steps + 1):
                 transition = env.step(controller.act(env, observation))
                 observation = transition.final_observation
                 collided += transition.collided.sum(axis=1)
+                np.maximum(lapse, step - last, out=lapse)
+                before, total = total, env.delivered.sum(axis=1)
+                last[total > before] = step
                 for one in watch:
                     one.step(env)
             for one in watch:
@@ -76,6 +80,7 @@ def evaluate(
             handed_over += [tuple(map(int, robots)) for robots in env.handed_over]
             collisions += map(int, collided)
             closest += map(float, env.world.closest.min(axis=1))
+            lapses += map(int, lapse)
     finally:
         env.autoreset = autoreset
     return Evaluation(
@@ -89,6 +94,7 @@ def evaluate(
         collisions=tuple(collisions[:episodes]),
         profile=env.config.profile,
         closest=tuple(closest[:episodes]) if env.robots > 1 else None,
+        longest_lapse=tuple(lapses[:episodes]),
         groups=team.names if team.mixed else None,
         handed_over=None if team.all_round else tuple(handed_over[:episodes]),
     )

@@ -39,13 +39,14 @@ def evaluation_html(evaluation: Evaluation) -> str:
     """Return pellets, collisions and distances, as means over episodes."""
     totals = evaluation.totals
     more = " ..." if len(totals) > _MOST_EPISODES else ""
-    closest = evaluation.closest
+    closest, lapses = evaluation.closest, evaluation.longest_lapse
     facts = [
         ("team", f"{evaluation.robots} robots in arena {evaluation.arena}, world {evaluation.world}"),
         ("pellets", _pellets(evaluation)),
         ("in each episode", " ".join(map(str, totals[:_MOST_EPISODES])) + more),
         ("by robot", " ".join(f"{mean:.1f}" for mean in evaluation.per_robot)),
         *((f"group {group.name}", group.words()) for group in evaluation.by_group),
+        ("longest lapse", f"{max(lapses)} decisions without a delivery" if lapses else ""),
         ("collisions", f"{sum(evaluation.collisions) / evaluation.episodes:.1f} per episode"),
         ("least distance of two robots", f"{min(closest):.3f} m" if closest else ""),
         ("seed", evaluation.seed),

@@ -24,7 +24,8 @@ def test_a_report_is_written_and_its_main_figures_are_printed(tmp_path, monkeypa
     assert main([*SHORT, "--report", "out", "--json", "out.json"]) == 0
     shown = capsys.readouterr().out.splitlines()
     assert shown[0] == "lanes in paper, 2 robots, 2 episodes of 20 decisions:"
-    assert shown[5:] == [
+    assert shown[3] == "  without a delivery      at most 20 decisions, in episode 0"
+    assert shown[6:] == [
         "  time clogged            0.0 %, no clogs",
         "  strategy                neither One-at-a-Time nor Bucket-Brigade in 2 of 2 episodes",
         "  report                  out/index.html",
@@ -68,6 +69,7 @@ def test_without_a_report_nothing_is_watched_and_nothing_else_is_printed(capsys)
     assert [line.split("  ")[1] for line in lines[1:-1]] == [
         "pellets per episode",
         "of each robot",
+        "without a delivery",
         "collisions per episode",
         "closest, centres",
     ]

@@ -101,6 +101,11 @@ def refused(tmp_path, text):
             "evaluation: closest must hold 2 numbers, one for each episode.",
         ),
         (
+            "evaluation.longest_lapse",
+            [200],
+            "evaluation: longest_lapse must hold 2 numbers, one for each episode.",
+        ),
+        (
             "evaluation.delivered",
             [[10**50, 2, 3], [4, 5, 6]],
             (

@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 
 from robosim.control.controller import RandomController
@@ -31,6 +33,31 @@ def test_figures_are_those_of_the_episodes_themselves():
     # The last decision's collisions are gone once the next episode has begun.
     assert all(0 <= full - seen <= 2 for full, seen in zip(evaluation.collisions, collided, strict=True))
     assert (evaluation.controller, evaluation.arena, evaluation.robots) == ("lanes", "paper", 2)
+
+
+def test_the_longest_time_without_a_delivery_has_the_ends_of_an_episode_in_it():
+    def deliveries_of(episode_steps):
+        """Return the decisions of each of two episodes that end with more delivered than before."""
+        env, lanes = team(2, episode_steps), LanesController()
+        observation = env.reset(seed=5)
+        lanes.reset(env)
+        decisions, before = ([], []), [0, 0]
+        for step in range(episode_steps):
+            transition = env.step(lanes.act(env, observation))
+            observation = transition.observation
+            for one, now in enumerate(transition.final_delivered.sum(axis=1)):
+                if now > before[one]:
+                    decisions[one].append(step + 1)
+                before[one] = now
+        return decisions
+
+    for episode_steps in (20, 300):
+        evaluation = evaluate(LanesController(), team(2, episode_steps), 2, seed=5)
+        times = [[0, *one, episode_steps] for one in deliveries_of(episode_steps)]
+        assert evaluation.longest_lapse == tuple(
+            max(after - before for before, after in itertools.pairwise(one)) for one in times
+        )
+    assert min(map(len, times)) > 3
 
 
 def test_equal_seeds_give_equal_results_and_surplus_episodes_are_left_out():
