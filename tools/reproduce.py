@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,7 +51,7 @@ tools/reproduce.py --quick` shows the same for small teams within ten minutes.
 INTERVALS = """\
 Pellets in an episode: interquartile mean over seeds and its 95 % bootstrap interval in brackets; single
 values where there are fewer than three seeds, `(2 of 3)` where some are missing, "not run" where all are,
-"none" where there are to be none. More tables open by a click.
+"none" where no run is planned, with the reason below the table. More tables open by a click.
 """
 
 
@@ -220,9 +221,12 @@ def count_line(sweep: Sweep, done: Sequence[Result], other: int) -> str:
     if not done:
         return f"Not run yet: none of its {len(sweep.jobs)} runs has been made."
     machines = sorted({result.machine.get("processor", "unknown") for result in done})
+    gpus = Counter(result.machine["gpu"] for result in done if "gpu" in result.machine)
+    learned = "".join(f" {count} of them learned on {gpu}." for gpu, count in sorted(gpus.items()))
     hours = sum(result.wall_time + result.evaluation_time for result in done) / 3600.0
     return (
         f"{len(done)} of {len(sweep.jobs)} runs, {hours:.1f} hours of one core, on {' and '.join(machines)}."
+        + learned
         + (f" {other} more records are of trials that the sweep does not hold." if other else "")
     )
 
