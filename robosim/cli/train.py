@@ -171,6 +171,16 @@ def _refuse_options_without_effect(config: RunConfig, given: Collection[str]) ->
             raise InputError(
                 f"{_flag(idle[0])} changes nothing without {needed}: leave it out, or give both."
             )
+    schedule = config.schedule
+    explores = not schedule.start_from or (schedule.curriculum and schedule.newcomer == "scratch")
+    monotonic = getattr(config.algorithm, "mixer", "monotonic") == "monotonic"
+    for names, matters, why in (
+        ({"epsilon_start", "exploration"}, explores, "with --start-from, a team explores as at its end"),
+        ({"first_team"}, not schedule.start_from, "with --start-from, that team is the first"),
+        ({"mixer_width", "hyper_width"}, monotonic, "a sum of values has no networks"),
+    ):
+        if (idle := sorted(names & set(given))) and not matters:
+            raise InputError(f"{_flag(idle[0])} changes nothing here: {why}. Leave it out.")
 
 
 def begin(config: RunConfig, folder: Path, resume_if_present: bool = False, *, live: bool = False) -> None:
@@ -236,13 +246,20 @@ def _shown(config: RunConfig, folder: Path, work: Callable[[Report], TrainResult
             print(f"Stopped; go on with: {hint('train', '--resume', folder)}")
         raise
     print(f"{result.steps} joint decisions in {result.wall_time:.0f} s; run folder {folder}")
-    warmup = getattr(config.algorithm, "warmup", 0)
-    if warmup >= steps and config.variety is None:
-        _warn(f"Nothing was learned: warmup is {warmup} decisions, and steps only {steps}.")
+    if result.unlearned:
+        _warn(_nothing_learned(config, result.unlearned))
     if result.evaluation is not None:
         from robosim.cli.evaluate import summary
 
         print(summary(result.evaluation))
+
+
+def _nothing_learned(config: RunConfig, stages: Sequence[str]) -> str:
+    """Return the sentence that says in which stages nothing was learned, and what may have kept it."""
+    where = f" in the stages {', '.join(stages)}" if config.schedule.curriculum else ""
+    warmup = getattr(config.algorithm, "warmup", None)
+    first = f": the first update comes after {warmup} decisions of a stage (warmup)" if warmup else ""
+    return f"Nothing was learned{where}{first}; more --steps are needed, or updates that come earlier."
 
 
 def _run_folder(config: RunConfig) -> Path:

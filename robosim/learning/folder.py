@@ -19,7 +19,15 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from robosim.control.card import MOST, MOST_BYTES, Count, Evaluation, read_evaluation
-from robosim.control.policy import CARD_FILE, RUN_CONFIG, RUN_POLICY, RUN_RECORD, WEIGHTS_FILE
+from robosim.control.policy import (
+    CARD_FILE,
+    RUN_CONFIG,
+    RUN_POLICY,
+    RUN_RECORD,
+    WEIGHTS_FILE,
+    Policy,
+    save_policy,
+)
 from robosim.envs.config import MOST_CONFIG
 from robosim.errors import InputError, printable, shown
 from robosim.files import (
@@ -43,13 +51,15 @@ FINISHED_FILE = RUN_RECORD
 CHECKPOINTS = "checkpoints"
 RECORDINGS = "recordings"
 CURVES = "tensorboard"
+START = "start"
+"""The policy that the run started from, if any: a copy."""
 
 _LONGEST_COMMAND = 2000
 """Bytes of the command that began a run; a card takes no longer one."""
 _FILES = (CONFIG_FILE, COMMAND_FILE, METRICS_FILE, EVALUATION_FILE, FINISHED_FILE)
-_FOLDERS = (CHECKPOINTS, RECORDINGS, CURVES, RUN_POLICY)
+_FOLDERS = (CHECKPOINTS, RECORDINGS, CURVES, RUN_POLICY, START)
 _RECORDING = re.compile(r"(live-)?\d{12}\.rrd")
-_POLICY_SCRATCH = re.compile(rf"\.{RUN_POLICY}-[a-z0-9_]{{8}}")
+_POLICY_SCRATCH = re.compile(rf"\.({RUN_POLICY}|{START})-[a-z0-9_]{{8}}")
 """Where `save_policy` writes a policy before it takes its place."""
 
 
@@ -77,6 +87,7 @@ class RunFolder:
         self.recordings = path / RECORDINGS
         self.curves = path / CURVES
         self.policy = path / RUN_POLICY
+        self.start = path / START
         self.metrics = path / METRICS_FILE
 
     @property
@@ -98,15 +109,15 @@ class RunFolder:
         if not self.begun:
             raise InputError(f"{self.path}: no run to resume: there is no {CONFIG_FILE} in it.")
 
-    def begin(self, config: RunConfig, command: str) -> None:
-        """Make the folder, if need be, and write what the run depends on.
+    def begin(self, config: RunConfig, command: str, start: Policy | None = None) -> None:
+        """Make the folder, if need be, and write what the run depends on, with the policy it starts from.
 
         InputError if something is in it, or it cannot be written.
         """
         self.make()
         try:
             self._remove_strays()
-            if any(path.name != COMMAND_FILE or not self._is_command() for path in self.path.iterdir()):
+            if not all(map(self._is_of_a_beginning, self.path.iterdir())):
                 held = "is not empty"
                 if self.begun:
                     finished = (self.path / FINISHED_FILE).exists()
@@ -116,6 +127,9 @@ class RunFolder:
             raise self._unwritable(error) from None
         if command:
             write_whole(self.path / COMMAND_FILE, command + "\n")
+        if start is not None:
+            network = start.card.network.changed(precision="float32")
+            save_policy(self.start, start.weights(), start.card.changed(network=network))
         with whole_file(self.path / CONFIG_FILE, durable=True) as part:
             write_config(config, part)
 
@@ -211,7 +225,8 @@ class RunFolder:
                 sync(path)
         except OSError as error:
             raise self._unwritable(error) from None
-        kept = (*_FILES, f"{RUN_POLICY}/{CARD_FILE}", f"{RUN_POLICY}/{WEIGHTS_FILE}")
+        policies = [f"{one}/{name}" for one in (RUN_POLICY, START) for name in (CARD_FILE, WEIGHTS_FILE)]
+        kept = (*_FILES, *policies)
         record = Finished(steps, wall_time, digests(self.path, kept))
         write_whole(self.path / FINISHED_FILE, json.dumps(asdict(record)) + "\n", durable=True)
         # Not before: until here a kill must find something to go on from.
@@ -222,9 +237,12 @@ class RunFolder:
         self.recordings.mkdir(exist_ok=True)
         return self.recordings / f"{step:012d}.rrd"
 
-    def _is_command(self) -> bool:
-        """Return whether a run that was killed as it began has left its command."""
-        return is_regular(self.path / COMMAND_FILE) and (self.command() + " ").startswith("robosim ")
+    def _is_of_a_beginning(self, path: Path) -> bool:
+        """Return whether a run that was killed as it began has left that: its command, its first policy."""
+        if path.name == START:
+            return not self.begun and path.is_dir() and not path.is_symlink() and not _strange_in(path)
+        is_command = path.name == COMMAND_FILE and is_regular(path)
+        return is_command and (self.command() + " ").startswith("robosim ")
 
     def _unwritable(self, error: OSError) -> InputError:
         return InputError(f"{self.path}: the run folder cannot be written: {error.strerror or error}.")
@@ -243,9 +261,7 @@ class RunFolder:
                         raise InputError(
                             f"{self.path / name}: this is {found}, but must be a {kind}: a run writes there."
                         )
-        known = {WEIGHTS_FILE, CARD_FILE}
-        strange = {path.name for path in self.policy.iterdir()} - known if self.policy.is_dir() else set()
-        if strange:
+        if strange := _strange_in(self.policy):
             raise InputError(
                 f"{self.policy}: holds {shown(min(strange))}, but must hold a policy alone: it is replaced."
             )
@@ -262,6 +278,12 @@ class RunFolder:
         for path in self.path.iterdir():
             if _POLICY_SCRATCH.fullmatch(path.name) and not path.is_symlink() and path.is_dir():
                 _remove_scratch(path)
+
+
+def _strange_in(policy: Path) -> set[str]:
+    """Return the names in a policy's folder, if there is one, that are not of its files."""
+    names = {path.name for path in policy.iterdir()} if policy.is_dir() else set()
+    return names - {WEIGHTS_FILE, CARD_FILE}
 
 
 def _remove_scratch(scratch: Path) -> None:

@@ -18,7 +18,7 @@ from robosim.control.card import Evaluation, PolicyCard, TrainingCard, card_for
 from robosim.control.evaluate import evaluate
 from robosim.control.learned import LearnedController
 from robosim.control.network import DRAWING, NetworkSpec, unmet_standing
-from robosim.control.policy import Policy, save_policy
+from robosim.control.policy import Policy, read_policy, save_policy
 from robosim.discretise.observation import find_columns
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError, shown
@@ -55,6 +55,8 @@ class TrainResult:
     wall_time: float
     """Time spent learning, all parts of an interrupted run together, s."""
     evaluation: Evaluation | None
+    unlearned: tuple[str, ...] = ()
+    """Stages in which nothing was learned, by name; not known of a run that was finished before."""
 
 
 def train(
@@ -147,7 +149,7 @@ def _begun(
     record: Record | None,
     watch: Watch | None,
 ) -> TrainResult:
-    folder.begin(training.config, command)
+    folder.begin(training.config, command, training.start)
     return _Run(training, folder, report, record, command, watch=watch).finish()
 
 
@@ -155,7 +157,9 @@ def _resumed(
     folder: RunFolder, report: Report, record: Record | None, warn: Say, watch: Watch | None
 ) -> TrainResult:
     config = folder.reopen()
-    training, wall_time = _latest(config, folder.checkpoints, warn)
+    # As it was when the run began: what lies where it came from may be another by now.
+    start = read_policy(folder.start) if config.schedule.start_from else None
+    training, wall_time = _latest(config, start, folder.checkpoints, warn)
     for row in training.log.rows[-1:]:
         report(row)
     return _Run(training, folder, report, record, folder.command(), wall_time, watch).finish()
@@ -170,12 +174,12 @@ def finished_result(folder: Path) -> TrainResult | None:
     )
 
 
-def _latest(config: RunConfig, checkpoints: Path, warn: Say) -> tuple[Training, float]:
+def _latest(config: RunConfig, start: Policy | None, checkpoints: Path, warn: Say) -> tuple[Training, float]:
     """Return a run at its last good checkpoint, or at its beginning when it has none yet."""
     paths = list_checkpoints(checkpoints)
     problems: list[str] = []
     for path in paths:
-        training = Training(config)
+        training = Training(config, start)
         try:
             checkpoint = read_checkpoint(path, training.most_bytes())
             wall_time = training.restore(checkpoint, checkpoints)
@@ -187,7 +191,7 @@ def _latest(config: RunConfig, checkpoints: Path, warn: Say) -> tuple[Training, 
         return training, wall_time
     if problems:
         raise InputError("\n".join(problems))
-    return Training(config), 0.0
+    return Training(config, start), 0.0
 
 
 class _Run:
@@ -224,7 +228,8 @@ class _Run:
             save_policy(folder.policy, weights, card.changed(evaluation=evaluation))
             folder.write_evaluation(evaluation)
         folder.finish(training.step, self._wall_time)
-        return TrainResult(folder.path, training.step, self._wall_time, evaluation)
+        unlearned = tuple(training.unlearned)
+        return TrainResult(folder.path, training.step, self._wall_time, evaluation, unlearned)
 
     def _learn(self) -> None:
         training, config = self._training, self._training.config

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict
@@ -42,21 +43,28 @@ TrainingEnv = VectorEnv | WorkerVectorEnv | MixedVectorEnv
 class Training:
     """Everything that changes while a team learns."""
 
-    def __init__(self, config: RunConfig) -> None:
-        """Read the arena and the policy to start from, if any; InputError when something does not fit."""
+    def __init__(self, config: RunConfig, start: Policy | None = None) -> None:
+        """Read the arena and the policy to start from, if any; InputError when something does not fit.
+
+        `start` is that policy where it has been read, as it was when the run began.
+        """
         self.config = config
+        self.start = start
+        """The policy that the run starts from, if any."""
         self.log = MetricsLog()
         self.step = 0
         """Joint decisions of the run so far."""
         self.ended: list[StageCard] = []
         """The stages that are over."""
+        self.unlearned: list[str] = []
+        """Those of them that left the networks as they were at their beginning, by name."""
         self.algorithm_config: AlgorithmConfig = config.algorithm
         """Of what learns; as the policy that the run starts from needs it."""
         self._team: Actors | None = None
         """Networks of the robots that have learned in earlier stages."""
         if config.schedule.start_from:
-            before = load_policy(config.schedule.start_from)
-            self.algorithm_config, self._team = starting_team(config, before)
+            self.start = start or load_policy(config.schedule.start_from)
+            self.algorithm_config, self._team = starting_team(config, self.start)
         self.stages = plan_stages(config, 0 if self._team is None else self._team.spec.robots)
         self._saved: list[tuple[int, int, str]] = []
         """Parts of the present stage's memory that are on disk: first item, last + 1, file."""
@@ -85,7 +93,9 @@ class Training:
         rows = [one for one in self.log.rows if one.stage == self.stage.name]
         if loop.finished:
             self._end("budget")
-        elif is_steady(rows, loop.budget, self.config.schedule.steady_gain):
+        elif self.config.schedule.curriculum and is_steady(
+            rows, loop.budget, self.config.schedule.steady_gain
+        ):
             self._end("steady")
         return row
 
@@ -107,6 +117,8 @@ class Training:
 
     def _end(self, ending: Ending) -> None:
         stage = self.stage
+        if _digest(self.algorithm.actors()) == self._fresh:
+            self.unlearned.append(stage.name)
         self._team = self.actors()
         self.ended.append(
             StageCard(
@@ -138,6 +150,8 @@ class Training:
             start = team if self.algorithm_config.shares_parameters else expanded(team)
         seed = np.random.SeedSequence(config.run.seed, spawn_key=(learner_seed,))
         self.algorithm = self.algorithm_config.build(task, seed, start)
+        self._fresh = _digest(self.algorithm.actors())
+        """Of the networks as the stage begins."""
         self._saved = []
         self.log.begin_stage()
         self.loop = StageLoop(stage, budget, self.env, self.algorithm, frozen, self.log)
@@ -155,6 +169,7 @@ class Training:
         facts: dict[str, Any] = {
             "config": self.config.fingerprint,
             "ended": [stage.model_dump() for stage in self.ended],
+            "unlearned": self.unlearned,
             "sums": asdict(self.log.sums),
             "rows": [asdict(row) for row in self.log.rows],
             "wall_time": wall_time,
@@ -222,6 +237,7 @@ class Training:
         self.ended = [StageCard.model_validate(stage) for stage in facts["ended"]]
         if [stage.name for stage in self.ended] != [stage.name for stage in self.stages[: len(self.ended)]]:
             raise ValueError("its stages are not those of the run")
+        self.unlearned = [stage.name for stage in self.ended if stage.name in facts["unlearned"]]
         if "team" in facts:
             prefix = "team."
             team = {n.removeprefix(prefix): t.numpy() for n, t in tensors.items() if n.startswith(prefix)}
@@ -260,6 +276,14 @@ class Training:
                 raise ValueError(f"{shown(name)} is not the next part of its experience")
             parts.append((first, last, name))
         return parts
+
+
+def _digest(actors: Actors) -> str:
+    """Return what tells networks apart from any others."""
+    digest = hashlib.sha256()
+    for array in actors.weights.values():
+        digest.update(array.tobytes())
+    return digest.hexdigest()
 
 
 def starting_team(config: RunConfig, policy: Policy) -> tuple[AlgorithmConfig, Actors]:

@@ -99,6 +99,44 @@ def test_an_option_that_changes_nothing_is_refused(options, idle, needed, tmp_pa
     assert not folder.exists()
 
 
+@pytest.mark.parametrize(
+    ("options", "idle", "why"),
+    [
+        (
+            ["--start-from", "paper-2", "--robots", "2", "--exploration", "0.5"],
+            "--exploration",
+            "with --start-from, a team explores as at its end",
+        ),
+        (
+            [
+                "--technique",
+                "smadrl",
+                "--newcomer",
+                "copy",
+                "--start-from",
+                "paper-2",
+                "--epsilon-start",
+                "0.5",
+            ],
+            "--epsilon-start",
+            "with --start-from, a team explores as at its end",
+        ),
+        (
+            ["--technique", "smadrl", "--start-from", "paper-2", "--first-team", "3"],
+            "--first-team",
+            "with --start-from, that team is the first",
+        ),
+        (["--technique", "vdn", "--mixer-width", "8"], "--mixer-width", "a sum of values has no networks"),
+    ],
+)
+def test_an_option_that_changes_nothing_beside_another_is_refused(options, idle, why, tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert main(["train", "--out", str(folder), *options]) == 2
+    said = f"robosim: {idle} changes nothing here: {why}. Leave it out."
+    assert capsys.readouterr().err.splitlines()[-1] == said
+    assert not folder.exists()
+
+
 def test_the_folder_says_in_which_world_a_team_learned(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     options = ["--steps", "4", "--evaluation-episodes", "0", "--robots", "1", "--technique", "iql"]
@@ -182,6 +220,33 @@ def test_a_run_too_short_to_learn_in_says_so(tmp_path, capsys):
     options = ["--steps", "20", "--evaluation-episodes", "0"]
     assert main(["train", "--out", str(tmp_path / "run"), *TINY, *options]) == 0
     said = capsys.readouterr().err.splitlines()
-    assert said == ["Nothing was learned: warmup is 40 decisions, and steps only 20."]
+    more = "; more --steps are needed, or updates that come earlier."
+    assert said == [
+        f"Nothing was learned: the first update comes after 40 decisions of a stage (warmup){more}"
+    ]
     assert main(["train", "--out", str(tmp_path / "other"), *TINY, *options, "--warmup", "4"]) == 0
     assert "Nothing was learned" not in capsys.readouterr().err
+    # A rollout of all environments is longer than the run.
+    short = ["--technique", "ps-ippo", "--robots", "2", "--num-envs", "32", "--steps", "320"]
+    assert main(["train", "--out", str(tmp_path / "third"), *short, "--evaluation-episodes", "0"]) == 0
+    assert f"Nothing was learned{more}\n" in capsys.readouterr().err
+
+
+def test_newcomers_that_learn_nothing_are_named(tmp_path, capsys):
+    options = [
+        "--technique",
+        "smadrl",
+        "--robots",
+        "4",
+        "--steps",
+        "400",
+        "--warmup",
+        "150",
+        "--num-envs",
+        "2",
+    ]
+    folder = str(tmp_path / "run")
+    assert main(["train", "--out", folder, *options, "--evaluation-episodes", "0"]) == 0
+    assert (
+        "Nothing was learned in the stages newcomer 3, newcomer 4: the first update comes after 150 decisions"
+    ) in capsys.readouterr().err

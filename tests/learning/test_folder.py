@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from robosim.control.policy import load_policy
@@ -388,3 +389,22 @@ def test_a_run_that_was_killed_as_it_began_can_begin_again(tmp_path):
     assert everything(at) == ["command.txt", "config.toml"]
     assert RunFolder(at).command() == "robosim train"
     assert RunFolder(at).config() == TINY
+
+
+def test_one_that_was_killed_between_its_first_policy_and_its_configuration_can_begin_again(tmp_path):
+    at, policy = tmp_path / "run", load_policy("paper-2")
+    RunFolder(at).begin(TINY, "robosim train", policy)
+    (at / "config.toml").unlink()
+    (at / ".start-abcd1234" / "new").mkdir(parents=True)
+    RunFolder(at).begin(TINY, "robosim train", policy)
+    assert everything(at) == [
+        "command.txt", "config.toml", "start", "start/card.json", "start/policy.safetensors"
+    ]  # fmt: skip
+    kept = load_policy(at / "start")
+    assert all(np.array_equal(array, kept.weights()[name]) for name, array in policy.weights().items())
+    # Something of a stranger's in it is left alone.
+    (at / "config.toml").unlink()
+    (at / "start" / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="this folder is not empty"):
+        RunFolder(at).begin(TINY, "robosim train", policy)
+    assert (at / "start" / "notes.txt").read_text() == "mine"

@@ -1,5 +1,6 @@
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -490,6 +491,9 @@ def test_a_run_needs_neither_its_arenas_file_nor_the_folder_it_was_begun_in(tmp_
     kept = RunFolder(tmp_path / "run").config()
     assert (kept.env.arena, kept.schedule.start_from) == (arena, str(tmp_path / "before"))
     (tmp_path / "own.toml").write_text(load_arena("paper").text)
+    # Another team, of other networks, takes the place of the one that the run started from.
+    shutil.rmtree(tmp_path / "before")
+    run(tmp_path / "before", short("ps-dqn", normalisation="none", mask=False, seed=9, **options))
     monkeypatch.chdir(tmp_path / "run")
     resume(tmp_path / "run", lambda row: None)
     assert weights(tmp_path / "run") == weights(tmp_path / "whole")

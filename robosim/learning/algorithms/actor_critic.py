@@ -218,8 +218,7 @@ class AdvantageActorCritic(ActorCritic):
             following = self._values(torch.from_numpy(rollout.final_observation))
         gained = advantages(self.config, rollout, values.detach().numpy(), following.numpy())
         returns = torch.from_numpy(gained) + values.detach()
-        # By each robot's own: over all robots, one that earns much would drown the others.
-        scaled = torch.from_numpy(standardised(gained, (0, 1)))
+        scaled = torch.from_numpy(standardised(gained, self.networks))
         taken, entropy = log_chances(self._logits(observation), torch.from_numpy(rollout.action))
         return of_networks(self.networks, (-taken * scaled, (values - returns).square(), entropy))
 
@@ -275,8 +274,13 @@ def advantages(config: ActorCriticConfig, rollout: Experience, values: Floats, f
     return total
 
 
-def standardised(numbers: Floats, axes: tuple[int, ...]) -> Floats:
-    """Return numbers less their mean over their deviation, both taken over `axes`."""
+def standardised(numbers: Floats, networks: int) -> Floats:
+    """Return numbers [decisions, envs, robots] less their mean over their deviation, both of each network.
+
+    Of each robot where each has a network. Where all share one, over them all: else a robot that stands
+    still, whose advantages are the critic's noise, would count as much as one that works.
+    """
+    axes = (0, 1, 2) if networks == 1 else (0, 1)
     spread = numbers.std(axis=axes, keepdims=True) + np.float32(1e-8)
     scaled: Floats = (numbers - numbers.mean(axis=axes, keepdims=True)) / spread
     return scaled

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
-from robosim.errors import refused
 from robosim.learning.algorithms.actor_critic import (
     ActorCritic,
     Floats,
@@ -28,6 +27,7 @@ from robosim.learning.algorithms.actor_critic import (
     standardised,
 )
 from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
+from robosim.learning.algorithms.rollout import require_minibatches
 from robosim.learning.algorithms.settings import StepSize
 from robosim.learning.algorithms.stacked import by_robot, shorten_gradients
 from robosim.learning.networks import NetworkShape
@@ -81,11 +81,7 @@ class Ppo(ActorCritic):
         self, config: PpoConfig, task: Task, seed: np.random.SeedSequence, start: Actors | None = None
     ) -> None:
         """`start` gives the actors; critics always begin anew."""
-        decisions = config.rollout * task.num_envs
-        if config.minibatches > decisions:
-            raise refused(
-                "minibatches", config.minibatches, f"a whole number from 1 to rollout * num_envs, {decisions}"
-            )
+        require_minibatches(config.minibatches, config.rollout * task.num_envs)
         spec, team = own_actors(config, task), task.robots * task.size
         # A critic that all share must be told whose return it predicts: that robot's observation comes first.
         # A number would do too, but would take equal robots for different ones.
@@ -150,7 +146,7 @@ class Ppo(ActorCritic):
         if self.config.value_normalisation:
             self.scale.add(target)
             target = self.scale.narrowed(target)
-        scaled = standardised(gained, (0, 1, 2) if self.networks == 1 else (0, 1))
+        scaled = standardised(gained, self.networks)
         rows = (observation, action, chance, torch.from_numpy(scaled), torch.from_numpy(target), predicted)
         return Batch(*(part.flatten(0, 1) for part in rows))
 

@@ -16,7 +16,12 @@ from pydantic import Field
 from torch import Tensor
 
 from robosim.learning.algorithms.protocol import Actors, Experience, State, Task
-from robosim.learning.algorithms.rollout import restored_rollout, rollout_state, stack_decisions
+from robosim.learning.algorithms.rollout import (
+    require_minibatches,
+    restored_rollout,
+    rollout_state,
+    stack_decisions,
+)
 from robosim.learning.algorithms.settings import StepSize
 from robosim.learning.algorithms.stacked import (
     StackedNetworks,
@@ -71,6 +76,7 @@ class Pqn:
     def __init__(
         self, config: PqnConfig, task: Task, seed: np.random.SeedSequence, start: Actors | None = None
     ) -> None:
+        require_minibatches(config.minibatches, config.rollout * task.num_envs)
         self.config, self.task = config, task
         self._gains = task.gains if config.mask else None
         networks = 1 if config.shares_parameters else task.robots
@@ -108,7 +114,7 @@ class Pqn:
             decisions = observation.shape[1]
             for _ in range(config.epochs):
                 order = torch.from_numpy(self._shuffle.permutation(decisions))
-                for rows in order.tensor_split(min(config.minibatches, decisions)):
+                for rows in order.tensor_split(config.minibatches):
                     loss = self.losses(
                         observation.index_select(1, rows),
                         action.index_select(1, rows),

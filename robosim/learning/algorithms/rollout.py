@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from robosim.errors import refused
 from robosim.learning.algorithms.protocol import Experience
 from robosim.learning.algorithms.stacked import part, prefixed
 
@@ -32,3 +33,9 @@ def restored_rollout(tensors: Mapping[str, Tensor]) -> list[Experience]:
         return []
     arrays = (held[name].numpy() for name in Experience._fields)
     return [Experience(*decision) for decision in zip(*arrays, strict=True)]
+
+
+def require_minibatches(minibatches: int, decisions: int) -> None:
+    """Raise InputError unless a rollout of so many decisions, of all environments, has as many parts."""
+    if minibatches > decisions:
+        raise refused("minibatches", minibatches, f"a whole number from 1 to rollout * num_envs, {decisions}")

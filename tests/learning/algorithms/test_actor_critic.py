@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from robosim.control.network import NetworkSpec
 from robosim.errors import InputError
-from robosim.learning.algorithms.actor_critic import advantages
+from robosim.learning.algorithms.actor_critic import advantages, standardised
 from robosim.learning.algorithms.ia2c import Ia2cConfig
 from robosim.learning.algorithms.maa2c import MaA2cConfig
 from robosim.learning.algorithms.ppo import PpoConfig
@@ -39,6 +39,17 @@ def test_advantages_are_those_of_a_plain_loop_over_each_episode(seed, discount, 
             if done.ended[t, env]:
                 break
         assert ours[first, env, robot] == pytest.approx(total, rel=1e-4, abs=1e-4)
+
+
+def test_where_robots_share_a_network_one_that_stands_counts_little():
+    """Its advantages are the critic's noise; where it has a network of its own, they are all there is."""
+    numbers = np.random.default_rng(0).normal(3.0, 1.0, (16, 8, 2)).astype(np.float32)
+    numbers[..., 1] = 3.0 + 1e-3 * (numbers[..., 1] - 3.0)
+    of_each, of_all = standardised(numbers, 2), standardised(numbers, 1)
+    np.testing.assert_allclose(of_each.std(axis=(0, 1)), [1.0, 1.0], rtol=1e-3)
+    np.testing.assert_allclose(of_each.mean(axis=(0, 1)), [0.0, 0.0], atol=1e-3)
+    assert of_all.std() == pytest.approx(1.0, rel=1e-3)
+    assert of_all[..., 1].std() < 2e-3
 
 
 @pytest.mark.parametrize("config", KINDS)

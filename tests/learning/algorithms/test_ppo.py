@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from robosim.control.network import Networks
 from robosim.errors import InputError
 from robosim.learning.algorithms.ppo import PpoConfig, ReturnScale
+from robosim.learning.algorithms.pqn import PqnConfig
 from tests.learning.rollouts import BLOCKABLE, build, rollout, take_in, task, weights_of
 from tests.learning.walking import deliveries, learned
 
@@ -282,9 +283,10 @@ def test_the_policy_is_what_the_actors_compute(parameters, critic):
     np.testing.assert_allclose(Networks(spec, weights).outputs(observation), logits, rtol=1e-4, atol=1e-6)
 
 
-def test_more_minibatches_than_decisions_are_refused_in_a_sentence():
+@pytest.mark.parametrize("config", [SMALL, PqnConfig(rollout=4)])
+def test_more_minibatches_than_decisions_are_refused_in_a_sentence(config):
     with pytest.raises(InputError) as caught:
-        SMALL.changed(minibatches=13).build(task(), np.random.SeedSequence(0))
+        config.changed(minibatches=13).build(task(), np.random.SeedSequence(0))
     assert str(caught.value) == (
         "minibatches is 13, but must be a whole number from 1 to rollout * num_envs, 12."
     )
