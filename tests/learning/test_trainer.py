@@ -499,6 +499,12 @@ def test_a_run_needs_neither_its_arenas_file_nor_the_folder_it_was_begun_in(tmp_
     assert weights(tmp_path / "run") == weights(tmp_path / "whole")
 
 
+def test_without_a_curriculum_no_stage_ends_early(tmp_path):
+    config = short("iql+s", steps=1500, steady_gain=10.0, evaluation_episodes=0)
+    result, _ = run(tmp_path / "run", config)
+    assert result.steps == 1500
+
+
 def test_acting_beside_learning_changes_no_bit(tmp_path):
     run(tmp_path / "one", CURRICULUM)
     run(tmp_path / "two", CURRICULUM.with_options(overlap=True))
