@@ -128,8 +128,8 @@ def require_apart(
         for other in given:
             if other != option and given[other].resolve() == target:
                 raise InputError(
-                    f"{option} and {other} are both {path}, but must be two files: one would replace the "
-                    "other."
+                    f"{option} and {other} are both {path}, but must be two places: one would replace "
+                    "the other."
                 )
         for one in inputs:
             source = one.resolve()

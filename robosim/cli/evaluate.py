@@ -63,8 +63,9 @@ class Evaluate:
         from robosim.envs.config import MOST_STEPS
         from robosim.envs.vector import MAX_SEED
         from robosim.errors import whole_number
-        from robosim.files import require_writable, write_whole
+        from robosim.files import require_apart, require_writable, write_whole
 
+        require_apart({"--json": self.json, "--report": self.report, "--robustness": self.robustness}, ())
         whole_number("--episodes", self.episodes, 1, 10_000)
         whole_number("--seed", self.seed, 0, MAX_SEED)
         if self.steps is not None:

@@ -166,6 +166,7 @@ def _refuse_options_without_effect(config: RunConfig, given: Collection[str]) ->
         (_OF_CURRICULUM, config.schedule.curriculum, "--curriculum"),
         (of_map, config.env.stigmergy, "--stigmergy"),
         ({"record_steps"}, config.run.record_every, "--record-every"),
+        ({"arena_seed", "random_share"}, config.variety and config.variety.random_arenas, "--random-arenas"),
     ):
         if (idle := sorted(names & set(given))) and not matters:
             raise InputError(

@@ -91,7 +91,9 @@ def leaderboard(
     """
     own = read_runs(records)
     shipped = {name: run for name, card in policies.items() if (run := shipped_run(name, card))}
-    sources = {OURS: own, **{name: read_runs([path]) for name, path in _named_paths(list(others)).items()}}
+    # A file that is given twice, by whatever path, counts once.
+    given = list({path.resolve(): path for path in map(Path, others)}.values())
+    sources = {OURS: own, **{name: read_runs([path]) for name, path in _named_paths(given).items()}}
     require_same_tasks([*shipped.values(), *(run for runs in sources.values() for run in runs)])
     entries, few = [], 0
     for source, runs in sources.items():

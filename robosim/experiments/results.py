@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import platform
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -160,10 +159,16 @@ def _result(
 
 
 def _numbers(rows: Mapping[str, Sequence[float]]) -> dict[str, tuple[float, ...]]:
-    numbers = {name: tuple(map(float, values)) for name, values in rows.items()}
-    if odd := [name for name, values in numbers.items() if not all(map(math.isfinite, values))]:
-        raise ValueError(f"{odd[0]} has a number that is not finite")
-    return numbers
+    for name, values in rows.items():
+        if not isinstance(values, list | tuple):
+            raise TypeError(f"{name} is {shown(values)}, but must be a list of numbers")
+        for value in values:
+            # NaN is in no range.
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _WHOLE:
+                raise ValueError(
+                    f"{name} holds {shown(value)}, but must hold finite numbers up to {_WHOLE:g}"
+                )
+    return {name: tuple(map(float, values)) for name, values in rows.items()}
 
 
 @cache

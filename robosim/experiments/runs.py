@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -36,13 +37,17 @@ TOUCHES = "touches"
 EVALUATION_FILE = "evaluation.json"
 METRICS_FILE = "metrics.parquet"
 
-_GROUPS = ("env", "algorithm", "schedule")
+_GROUPS = ("env", "variety", "algorithm", "schedule")
 """Tables of a run's configuration on which depends what is learned."""
 _NAMES: Mapping[str, Mapping[tuple[str, ...], str]] = {
     "env": {option.path: name for name, option in EnvConfig.options().items()},
     "algorithm": {("name",): "algorithm"},
 }
 """Short names of options by their paths in a table, where they are not the path itself."""
+_LONGEST_VALUE = 40
+"""Characters of an option's value in the name of a system."""
+_WEIGHTS = ("weights", "start_weights")
+"""What a record says of a policy that is measured, and of one that a run starts from."""
 _OF_TASK = {"world", "arena", "robots"}
 _UNNAMED = "a profile without a name"
 
@@ -146,14 +151,22 @@ def read_runs(paths: Iterable[str | Path]) -> list[Run]:
 
 def _longer(one: Run, other: Run) -> Run:
     """Return the evaluation of more episodes; InputError unless those of the other are the first of them."""
-    first, second = (list(run.figures.get(PELLETS, ())) for run in (one, other))
-    both = min(len(first), len(second))
-    if first[:both] != second[:both] or (not both and first != second):
+    first, second = (_counted(run) for run in (one, other))
+    both = min(map(len, (first[PELLETS], second[PELLETS])))
+    same = all(first[name][:both] == second[name][:both] for name in first.keys() & second.keys())
+    if not same or (not both and first != second):
         raise InputError(
             f"{one.source} and {other.source} are both {one.system} with seed {one.seed} in {one.task}, "
             "but with other results: give one of them."
         )
-    return other if len(second) > len(first) else one
+    return other if len(second[PELLETS]) > len(first[PELLETS]) else one
+
+
+def _counted(run: Run) -> dict[str, list[Any]]:
+    """Return what is counted in every episode, as far as it is known."""
+    counted = {name: list(run.figures[name]) for name in (PELLETS, TOUCHES) if name in run.figures}
+    by_robot = {"delivered": list(map(tuple, run.delivered))} if run.delivered else {}
+    return {PELLETS: [], **counted, **by_robot}
 
 
 def _pooled(runs: Iterable[Run]) -> Iterator[Run]:
@@ -203,7 +216,7 @@ def name_systems(runs: Sequence[Run]) -> list[Run]:
     for (technique, _), group in groups.items():
         for name in dict.fromkeys(name for run in group for name in run.options):
             # An evaluation by itself says little of the options: what is not known is not different.
-            values = [run.options[name] for run in group if name in run.options]
+            values = [value for run in group if (value := _option(run, name)) is not None]
             if any(value != values[0] for value in values):
                 differing[technique][name] = None
     return [replace(run, system=_system(run, differing[run.technique])) for run in runs]
@@ -221,20 +234,33 @@ def _require_same(what: str, runs: Sequence[Run], named: Callable[[Run], tuple[s
             )
 
 
+def _option(run: Run, name: str) -> Any:
+    """Return the value of an option; "none" where a whole configuration lacks it, None where it is not known.
+
+    What is none, a charge that there is not, for instance, is not written into configurations.
+    """
+    return run.options.get(name, "none" if "algorithm" in run.options else None)
+
+
 def _system(run: Run, differing: Iterable[str]) -> str:
-    options = [f"{name}={_written(run.options[name])}" for name in differing if name in run.options]
+    values = {name: _option(run, name) for name in differing}
+    options = [f"{name}={_written(value)}" for name, value in values.items() if value is not None]
     # It becomes a row, a key and a label, and may be a stranger's.
     return without_controls(" ".join([run.technique, *options]))
 
 
 def _written(value: Any) -> str:
-    """Return an option's value in few characters, without spaces and commas."""
-    if isinstance(value, list | tuple):
-        return "x".join(map(_written, value))
+    """Return an option's value in few characters, without spaces and commas, and other for other values."""
     if isinstance(value, float):
         return f"{value:g}"
-    text = value if isinstance(value, str) else shown(value)
-    return text[:40].replace(",", ";").replace(" ", "-")
+    if isinstance(value, list | tuple):
+        text = "x".join(map(_written, value))
+    else:
+        text = value if isinstance(value, str) else shown(value)
+    if len(text) > _LONGEST_VALUE:
+        told_by = hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:6]
+        text = f"{text[: _LONGEST_VALUE - 7]}~{told_by}"
+    return text.replace(",", ";").replace(" ", "-")
 
 
 def _runs_in(path: Path) -> list[Run]:
@@ -366,6 +392,8 @@ def _read_result(result: Result, source: str) -> Run:
     if series.get("learned"):
         if len(series["learned"]) != len(series.get("learned_pellets", ())):
             raise InputError(f"{source}: learned_pellets must have a number for each of learned.")
+        if not (np.diff(series["learned"], prepend=0.0) > 0.0).all():
+            raise InputError(f"{source}: learned must hold numbers above 0 that grow.")
         curve = Curve(np.array(series["learned"]), np.array(series["learned_pellets"]))
     pellets = np.array(series.get("robot_pellets", ()))
     if pellets.size % env.robots:
@@ -374,7 +402,8 @@ def _read_result(result: Result, source: str) -> Run:
     fields = _described(result.config, source)
     if "algorithm" not in result.config:
         # What a controller that is only measured does not learn from makes no other controller of it.
-        fields["options"] = {"actions": env.actions}
+        fields["options"] = {"actions": env.actions, "keep_distance": env.keep_distance or "none"}
+    fields["options"] |= {name: str(result.config[name]) for name in _WEIGHTS if name in result.config}
     return Run(
         source=source,
         task=Task(arena.name, env.world, steps, env.robots, profile),

@@ -147,7 +147,7 @@ def test_wrong_input_is_a_sentence_and_leaves_nothing(given, tmp_path, capsys):
         (
             [*given, "--marl-eval", str(tmp_path / "out.json")],
             (
-                f"--json and --marl-eval are both {tmp_path / 'out.json'}, but must be two files: one would "
+                f"--json and --marl-eval are both {tmp_path / 'out.json'}, but must be two places: one would "
                 "replace the other."
             ),
         ),

@@ -41,6 +41,16 @@ def test_a_report_is_written_and_its_main_figures_are_printed(tmp_path, monkeypa
     assert "20 decisions" in capsys.readouterr().out
 
 
+def test_two_outputs_in_one_place_are_refused_before_the_episodes(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main([*SHORT, "--report", "out", "--robustness", "out"]) == 2
+    assert capsys.readouterr().err == (
+        "robosim: --report and --robustness are both out, but must be two places: one would replace "
+        "the other.\n"
+    )
+    assert not list(tmp_path.iterdir())
+
+
 def test_names_of_strangers_cannot_steer_the_terminal(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     team = "team\x1b[2J"

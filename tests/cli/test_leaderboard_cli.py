@@ -92,7 +92,7 @@ def test_nothing_that_is_read_is_replaced(tmp_path, capsys):
         sentence = f"{option} is {path}, but must be another file than those that are read."
         assert capsys.readouterr() == ("", f"robosim: {sentence}\n")
     assert main(["leaderboard", "--json", str(page), "--into", str(page)]) == 2
-    sentence = f"--json and --into are both {page}, but must be two files: one would replace the other."
+    sentence = f"--json and --into are both {page}, but must be two places: one would replace the other."
     assert capsys.readouterr() == ("", f"robosim: {sentence}\n")
     assert records.read_text() == before
     assert not page.exists()

@@ -89,6 +89,7 @@ def test_an_option_that_there_is_not_is_a_sentence(options, sentence, capsys):
         (["--technique", "smadrl", "--no-curriculum", "--newcomer", "copy"], "--newcomer", "--curriculum"),
         (["--no-stigmergy", "--pheromone-radius", "1"], "--pheromone-radius", "--stigmergy"),
         (["--record-steps", "9"], "--record-steps", "--record-every"),
+        (["--arenas", "paper", "--random-share", "0.9"], "--random-share", "--random-arenas"),
     ],
 )
 def test_an_option_that_changes_nothing_is_refused(options, idle, needed, tmp_path, capsys):

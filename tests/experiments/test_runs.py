@@ -127,6 +127,50 @@ def test_a_team_that_draws_its_actions_is_another_system(tmp_path):
     ]
 
 
+def test_what_is_none_by_default_tells_systems_apart(tmp_path):
+    """A configuration that lacks an option has it at none."""
+    made.folder(tmp_path / "a", "ps-dqn", 0, [4])
+    made.folder(tmp_path / "b", "ps-dqn", 0, [4], touch_cost=0.3)
+    assert [run.system for run in read_runs([tmp_path])] == [
+        "ps-dqn touch_cost=0.3",
+        "ps-dqn touch_cost=none",
+    ]
+    path = tmp_path / "results.jsonl"
+    made.result(path, "ps-dqn", 0, [4])
+    made.result(path, "ps-dqn", 1, [5], random_arenas=10)
+    varied, alone = (run.system for run in read_runs([path]))
+    assert varied.startswith(
+        "ps-dqn arenas= random_arenas=10 arena_seed=0 random_share=0.5 team_sizes=1x2x4x8"
+    )
+    assert alone.startswith("ps-dqn arenas=none random_arenas=none arena_seed=none random_share=none")
+
+
+def test_values_that_begin_alike_stay_apart(tmp_path):
+    where = f"/a/{'long' * 12}/"
+    for number, name in enumerate("ab"):
+        made.folder(tmp_path / name, "ps-dqn", 0, [4 + number], start_from=where + name)
+    first, second = (run.system for run in read_runs([tmp_path]))
+    assert first[:46] == second[:46] == f"ps-dqn start_from={where[:28]}"
+    assert first != second
+    assert len(first) == len("ps-dqn start_from=") + 40
+
+
+def test_teams_of_other_weights_and_scripts_that_keep_a_distance_are_other_systems(tmp_path):
+    path = tmp_path / "results.jsonl"
+    for number, options in enumerate(({}, {"weights": "ab"}, {"weights": "cd"})):
+        made.result(path, "policy:x", number, [4 + number], learned=False)
+        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        lines[-1]["config"] |= options
+        lines[-1]["config"]["env"] |= {} if options else {"keep_distance": 0.3}
+        path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    made.rekey(path)
+    assert [run.system for run in read_runs([path])] == [
+        "policy:x keep_distance=0.3",
+        "policy:x keep_distance=none weights=ab",
+        "policy:x keep_distance=none weights=cd",
+    ]
+
+
 def test_lists_and_switches_are_named_without_spaces_and_commas(tmp_path):
     made.folder(tmp_path / "a", "iql+s", 0, [4], hidden=(8, 16), mask=True)
     made.folder(tmp_path / "b", "iql+s", 0, [5], hidden=(8,), mask=False)
@@ -146,6 +190,20 @@ def test_a_run_given_twice_counts_once_and_two_that_contradict_are_refused(tmp_p
         f"{tmp_path}/a and {tmp_path}/b are both iql+s with seed 0 in {TASK}, "
         "but with other results: give one of them."
     )
+
+
+def test_runs_that_bring_nothing_are_not_one_for_that(tmp_path):
+    for name, touches in (("a", [3.0, 5.0]), ("b", [3.0]), ("c", [4.0])):
+        made.result(tmp_path / name, "iql+s", 0, [0] * len(touches))
+        line = json.loads((tmp_path / name).read_text())
+        line["figures"]["touches"] = touches
+        (tmp_path / name).write_text(json.dumps(line) + "\n")
+        with (tmp_path / name).open("a"):
+            made.rekey(tmp_path / name)
+    assert len(read_runs([tmp_path / "a", tmp_path / "b"])) == 1
+    for other in "ab":
+        with pytest.raises(InputError, match="but with other results"):
+            read_runs([tmp_path / "c", tmp_path / other])
 
 
 def test_an_evaluation_that_goes_on_from_another_takes_its_place(tmp_path):
@@ -282,6 +340,7 @@ def test_a_damaged_run_is_a_sentence(tmp_path, how, sentence):
     ("part", "name", "value", "sentence"),
     [
         ("series", "learned_pellets", [1.0], "learned_pellets must have a number for each of learned."),
+        ("series", "learned", [100.0, 100.0, 300.0, 400.0], "learned must hold numbers above 0 that grow."),
         ("series", "robot_pellets", [1.0] * 3, "robot_pellets must have a number for each of 2 robots."),
         (
             "config",
