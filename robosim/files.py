@@ -115,6 +115,12 @@ def require_writable(path: str | Path) -> None:
         raise _cannot_be_written(path, error) from None
 
 
+def real_path(path: Path) -> Path:
+    """Return the path without links, of a file that need not be there; links that lead in a circle stay."""
+    # Path.resolve raises an error of its own for these, another one in each version of Python.
+    return Path(os.path.realpath(path))
+
+
 def require_apart(
     outputs: Mapping[str, Path | None], inputs: Iterable[Path], folder: Path | None = None
 ) -> None:
@@ -124,18 +130,18 @@ def require_apart(
     """
     given = {option: path for option, path in outputs.items() if path is not None}
     for option, path in given.items():
-        target = path.resolve()
+        target = real_path(path)
         for other in given:
-            if other != option and given[other].resolve() == target:
+            if other != option and real_path(given[other]) == target:
                 raise InputError(
                     f"{option} and {other} are both {path}, but must be two places: one would replace "
                     "the other."
                 )
         for one in inputs:
-            source = one.resolve()
+            source = real_path(one)
             if target == source or (target.exists() and source in target.parents):
                 raise InputError(f"{option} is {path}, but must be another file than those that are read.")
-        if folder is not None and folder.resolve() in target.parents:
+        if folder is not None and real_path(folder) in target.parents:
             raise InputError(f"{option} is {path}, but must not lie in the new folder {folder}.")
 
 

@@ -18,6 +18,7 @@ from robosim.experiments.comparison import REFERENCE
 from robosim.experiments.runs import PELLETS, Run, Task, read_runs, require_same_tasks, shipped_run
 from robosim.experiments.statistics import LEAST_RUNS, Estimate, estimate, interquartile_mean, mean
 from robosim.experiments.team import POLICY
+from robosim.files import real_path
 from robosim.robot.drivers import ACTION_KINDS
 
 Kind = Literal["trained", "scripted", "one team"]
@@ -92,7 +93,7 @@ def leaderboard(
     own = read_runs(records)
     shipped = {name: run for name, card in policies.items() if (run := shipped_run(name, card))}
     # A file that is given twice, by whatever path, counts once.
-    given = list({path.resolve(): path for path in map(Path, others)}.values())
+    given = list({real_path(path): path for path in map(Path, others)}.values())
     sources = {OURS: own, **{name: read_runs([path]) for name, path in _named_paths(given).items()}}
     require_same_tasks([*shipped.values(), *(run for runs in sources.values() for run in runs)])
     entries, few = [], 0
