@@ -84,6 +84,17 @@ def test_records_of_one_name_in_two_folders_both_count(records, tmp_path):
     assert len(rows(leaderboard([records], {}, paths))) == 5
 
 
+def test_a_file_that_is_given_by_two_paths_counts_once(records, tmp_path):
+    path = tmp_path / "theirs.jsonl"
+    for seed in range(3):
+        result(path, "pqn", seed, [50, 50])
+    (tmp_path / "link.jsonl").symlink_to(path)
+    once = leaderboard([records], {}, [path])
+    again = [tmp_path / "link.jsonl", path, path]
+    assert rows(leaderboard([records], {}, again)).keys() == rows(once).keys()
+    assert len(leaderboard([records], {}, again).entries) == len(once.entries)
+
+
 def test_a_training_of_a_strange_length_is_a_sentence(records, tmp_path):
     theirs = tmp_path / "theirs.jsonl"
     result(theirs, "pqn", 0, [5, 7], steps=400)

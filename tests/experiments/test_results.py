@@ -82,6 +82,26 @@ def test_a_line_of_very_many_records_is_a_sentence(tmp_path, cut):
     assert str(caught.value).startswith(f"{path}: line 1 is no result (")
 
 
+@pytest.mark.parametrize(
+    ("values", "wrong"),
+    [
+        ("123", 'pellets is "123", but must be a list of numbers'),
+        ([True], "pellets holds true, but must hold finite numbers up to 1e+15"),
+        (["5"], 'pellets holds "5", but must hold finite numbers up to 1e+15'),
+        ([1.7e308], "pellets holds 1.7e+308, but must hold finite numbers up to 1e+15"),
+    ],
+)
+def test_a_figure_that_is_no_list_of_numbers_is_a_sentence(tmp_path, values, wrong):
+    path = tmp_path / "results.jsonl"
+    append_result(path, ONE)
+    record = json.loads(path.read_text())
+    record["figures"]["pellets"] = values
+    path.write_text(json.dumps(record) + "\n")
+    with pytest.raises(InputError) as caught:
+        read_results(path)
+    assert wrong in str(caught.value)
+
+
 def test_a_file_is_read_on_where_another_process_appends(tmp_path):
     path = tmp_path / "results.jsonl"
     file = ResultsFile(path)
