@@ -38,7 +38,6 @@ _NOT_GIVEN = (
     ("env", "profile", "description"),
 )
 """Fields that are no options: they say what the others are."""
-_OF_CURRICULUM = {"first_team", "first_share", "newcomer", "fine_tune", "steady_gain"}
 
 
 @dataclass(frozen=True)
@@ -159,29 +158,15 @@ def _refuse_options_of_others(config: RunConfig, technique: str, arguments: Sequ
 
 def _refuse_options_without_effect(config: RunConfig, given: Collection[str]) -> None:
     """Raise InputError for an option that only matters together with another one, which is not there."""
-    of_map = {
-        name for name, option in config.own_options().items() if option.path[:2] == ("env", "pheromone")
-    }
-    for names, matters, needed in (
-        (_OF_CURRICULUM, config.schedule.curriculum, "--curriculum"),
-        (of_map, config.env.stigmergy, "--stigmergy"),
-        ({"record_steps"}, config.run.record_every, "--record-every"),
-        ({"arena_seed", "random_share"}, config.variety and config.variety.random_arenas, "--random-arenas"),
-    ):
-        if (idle := sorted(names & set(given))) and not matters:
+    from robosim.learning.idle import idle_options
+
+    for idle in idle_options(config, given):
+        if idle.needs:
             raise InputError(
-                f"{_flag(idle[0])} changes nothing without {needed}: leave it out, or give both."
+                f"{_flag(idle.name)} changes nothing without {_flag(idle.needs)}: leave it out, or give both."
             )
-    schedule = config.schedule
-    explores = not schedule.start_from or (schedule.curriculum and schedule.newcomer == "scratch")
-    monotonic = getattr(config.algorithm, "mixer", "monotonic") == "monotonic"
-    for names, matters, why in (
-        ({"epsilon_start", "exploration"}, explores, "with --start-from, a team explores as at its end"),
-        ({"first_team"}, not schedule.start_from, "with --start-from, that team is the first"),
-        ({"mixer_width", "hyper_width"}, monotonic, "a sum of values has no networks"),
-    ):
-        if (idle := sorted(names & set(given))) and not matters:
-            raise InputError(f"{_flag(idle[0])} changes nothing here: {why}. Leave it out.")
+        why = idle.why.replace("start_from", _flag("start_from"))
+        raise InputError(f"{_flag(idle.name)} changes nothing here: {why}. Leave it out.")
 
 
 def begin(config: RunConfig, folder: Path, resume_if_present: bool = False, *, live: bool = False) -> None:

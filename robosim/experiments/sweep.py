@@ -20,7 +20,15 @@ from robosim.envs.profile import profile_text
 from robosim.errors import InputError, nearest_names, refused, shown
 from robosim.experiments.jobs import Job
 from robosim.experiments.options import OptionCheck
-from robosim.experiments.team import POLICY, Measuring, env_of_policy, learning_job, measuring_job
+from robosim.experiments.team import (
+    POLICY,
+    Measuring,
+    env_of_policy,
+    learning_job,
+    measuring_job,
+    require_driving,
+    require_learning,
+)
 from robosim.learning.config import (
     DEFAULT_TECHNIQUE,
     TRAINING_ENV,
@@ -28,6 +36,7 @@ from robosim.learning.config import (
     run_config,
     self_contained,
 )
+from robosim.learning.idle import idle_options
 from robosim.learning.technique import TECHNIQUES, find_technique
 from robosim.records import Many, Record, sentence
 from robosim.texts import parse_toml, read_toml
@@ -295,6 +304,7 @@ def _built(drafts: Sequence[_Draft], measuring: Measuring, place: str) -> list[R
     builder = _Builder(measuring)
     runs: list[Run] = []
     seen: set[str] = set()
+    doing: dict[str, tuple[_Draft, Mapping[str, str]]] = {}
     for draft in drafts:
         if draft.skip:
             runs.append(Run(draft.names, draft.options, None, draft.skip))
@@ -303,10 +313,27 @@ def _built(drafts: Sequence[_Draft], measuring: Measuring, place: str) -> list[R
             job = builder.job(draft.options)
         except InputError as error:
             raise InputError(f"{place}: {_label(draft.names) or 'options'}: {error}") from None
-        if job.key not in seen:
-            seen.add(job.key)
-            runs.append(Run(draft.names, draft.options, job))
+        if job.key in seen:
+            continue
+        seen.add(job.key)
+        idle = builder.idle(draft.options)
+        effective = {name: value for name, value in draft.options.items() if name not in idle}
+        does = builder.job(effective).key if idle else job.key
+        if does in doing:
+            other, idle_there = doing[does]
+            raise InputError(f"{place}: {_twice(draft, other, {**idle_there, **idle})}")
+        doing[does] = draft, idle
+        runs.append(Run(draft.names, draft.options, job))
     return runs
+
+
+def _twice(draft: _Draft, other: _Draft, idle: Mapping[str, str]) -> str:
+    """Return the sentence about a run that differs from another one only in what changes nothing."""
+    name = next(name for name in idle if draft.options.get(name) != other.options.get(name))
+    return (
+        f"{_label(draft.names)}: this is {_label(other.names)} once more, since {name} changes nothing "
+        f"{idle[name]}: give it with [[where]] to the runs that it is for."
+    )
 
 
 class _Builder:
@@ -316,6 +343,7 @@ class _Builder:
         self._measuring = measuring
         self._arenas: dict[str, str] = {}
         self._rooms: dict[tuple[WorldKind, str, float | None], tuple[str, int]] = {}
+        self._sound: set[tuple[str, ...]] = set()
         self._check = OptionCheck()
 
     def job(self, options: Mapping[str, Any]) -> Job:
@@ -331,7 +359,22 @@ class _Builder:
         config = self_contained(run_config(**options))
         if config.variety is None:
             self._require_room(config.env)
-        return learning_job(config, self._measuring)
+        job = learning_job(config, self._measuring)
+        what = config.env.model_dump_json(), config.algorithm.model_dump_json(), config.schedule.start_from
+        if what not in self._sound:
+            require_learning(config)
+            self._sound.add(what)
+        return job
+
+    def idle(self, options: Mapping[str, Any]) -> dict[str, str]:
+        """Return those options of a run that change nothing in it, and why; none where no team learns."""
+        team = options[_TECHNIQUE]
+        if team in SCRIPTED or team.startswith(POLICY):
+            return {}
+        return {
+            one.name: f"without {one.needs}" if one.needs else f"there ({one.why})"
+            for one in idle_options(run_config(**options), options)
+        }
 
     def _measured(self, team: str, options: Mapping[str, Any]) -> Job:
         """Return the job that only measures: it takes the options of the environment, and the seed."""
@@ -343,7 +386,12 @@ class _Builder:
         else:
             env = TRAINING_ENV.with_options(**{n: value for n, value in options.items() if n in of_env})
         self._require_room(env)
-        return measuring_job(team, env, seed, self._measuring)
+        job = measuring_job(team, env, seed, self._measuring)
+        what = env.model_dump_json(), team
+        if what not in self._sound:
+            require_driving(team, env)
+            self._sound.add(what)
+        return job
 
     def _require_room(self, env: EnvConfig) -> None:
         """Raise InputError for more robots than the arena has room for: now, and not in the run's turn."""

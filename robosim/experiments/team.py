@@ -92,6 +92,25 @@ def measuring_job(team: str, env: EnvConfig, seed: int, measuring: Measuring) ->
     return Job(config)
 
 
+def require_learning(run: RunConfig) -> None:
+    """Raise InputError for a training that could not begin: now, and not in its turn."""
+    from robosim.learning.computing import require_device_name
+    from robosim.learning.training import evaluation_env, starting_team
+
+    # Another machine may have the device that this one lacks.
+    require_device_name(getattr(run.algorithm, _DEVICE, None) or "cpu")
+    evaluation_env(run, 1, 0)
+    if run.schedule.start_from:
+        starting_team(run, read_policy(find_policy(run.schedule.start_from)))
+
+
+def require_driving(team: str, env: EnvConfig) -> None:
+    """Raise InputError for a scripted controller or a policy that could not drive such a team."""
+    one = VectorEnv(env, num_envs=1, seed=0)
+    one.reset()
+    make_controller(team.removeprefix(POLICY)).reset(one)
+
+
 def env_of_policy(team: str, options: Mapping[str, Any]) -> EnvConfig:
     """Return the environment that a policy by `policy:NAME` learned in, with another arena, world or team.
 

@@ -38,10 +38,15 @@ def denormals_flushed() -> Iterator[None]:
         torch.set_flush_denormal(False)
 
 
-def find_device(name: str) -> torch.device:
-    """Return the torch device of that name; InputError when it is not "cpu" or a GPU that is there."""
+def require_device_name(name: str) -> None:
+    """Raise InputError for what is no device's name, whether this machine has it or not."""
     if name != "cpu" and name.partition(":")[0] != "cuda":
         raise InputError(f'device is {shown(name)}, but must be "cpu", or "cuda" for a GPU.')
+
+
+def find_device(name: str) -> torch.device:
+    """Return the torch device of that name; InputError when it is not "cpu" or a GPU that is there."""
+    require_device_name(name)
     try:
         device = torch.device(name)
         torch.empty(0, device=device)

@@ -12,6 +12,7 @@ from robosim.cli.main import main
 from robosim.cli.program import hint
 from robosim.experiments.results import read_results
 from robosim.experiments.sweep import read_sweep
+from tests.cli import broken_reward
 from tests.processes import hearing_ctrl_c
 
 MIXED = """
@@ -28,7 +29,7 @@ match = { technique = "lanes", robots = 4 }
 skip = "too many"
 [[where]]
 match = { technique = "active", robots = 4 }
-options = { actions = "wheels" }
+options = { extra_reward = "broken" }
 [evaluation]
 episodes = 2
 steps = 60
@@ -49,7 +50,9 @@ steps = 50
 
 
 @pytest.fixture
-def sweep(tmp_path):
+def sweep(tmp_path, monkeypatch):
+    # Worker processes import it by its name.
+    monkeypatch.setenv("ROBOSIM_PLUGINS", broken_reward.__name__)
     path = tmp_path / "mixed.toml"
     path.write_text(MIXED)
     return path
@@ -89,12 +92,12 @@ def test_a_run_that_cannot_be_done_is_said_and_the_others_are_done_and_not_done_
     assert main(["sweep", str(sweep), *out, "--workers", "2"]) == 1
     said = capsys.readouterr()
     assert (
-        "technique=active robots=4  failed: active: drives by cardinal actions only, and the environment's "
+        'technique=active robots=4  failed: extra reward "broken" returned an array of type float64 and '
         in said.out
     )
     assert f"3 runs done, 2 skipped; results in {folder / 'mixed.results.jsonl'}" in said.out
     first, last = said.err.splitlines()
-    assert first.startswith("technique=active robots=4: active: drives by cardinal actions only, and ")
+    assert first.startswith('technique=active robots=4: extra reward "broken" returned an array')
     assert last == "robosim: 1 run failed; the same command tries again."
 
     found = read_results(folder / "mixed.results.jsonl")

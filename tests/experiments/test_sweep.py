@@ -41,6 +41,14 @@ episodes = 2
 steps = 50
 """
 TWENTY = ", ".join(f"{{steps = {number}}}" for number in range(1, 21))
+TWICE_WITHOUT = (
+    "this is stigmergy=false pheromone_decay=0.1 once more, since pheromone_decay changes nothing without "
+    "stigmergy: give it with [[where]] to the runs that it is for."
+)
+TWICE_THERE = (
+    "this is hyper_width=8 once more, since hyper_width changes nothing there (a sum of values has no "
+    "networks): give it with [[where]] to the runs that it is for."
+)
 UNMATCHED = """
 [vary]
 robots = [2, 3]
@@ -289,6 +297,31 @@ def test_keys_do_not_change_when_an_optional_part_is_left_out():
         ),
         ('[options]\ntechnique = "lanes"\nrobots = 999', "options: robots is 999, but must be "),
         ('[options]\narena = "papr"', "options: No arena is named 'papr': did you mean paper"),
+        (
+            '[options]\ntechnique = "active"\nactions = "wheels"',
+            "options: active: drives by cardinal actions only, and the environment's ",
+        ),
+        ('[options]\nextra_reward = "nosuch"', 'options: unknown extra reward "nosuch": '),
+        (
+            '[options]\ndevice = "gpu"',
+            'options: device is "gpu", but must be "cpu", or "cuda" for a GPU.',
+        ),
+        (
+            '[options]\nstart_from = "paper-2"\nstigmergy = false',
+            "options: policy paper-2 does not fit arena 'paper': stigmergy was True in training and ",
+        ),
+        (
+            '[options]\ntechnique = "policy:paper-2"\narena = "robotarium"',
+            "options: policy paper-2 does not fit arena 'robotarium': cell size (m) was 0.15 in ",
+        ),
+        (
+            "[vary]\nstigmergy = [true, false]\npheromone_decay = [0.1, 0.2]",
+            f"stigmergy=false pheromone_decay=0.2: {TWICE_WITHOUT}",
+        ),
+        (
+            '[options]\ntechnique = "vdn"\n[vary]\nhyper_width = [8, 16]',
+            f"hyper_width=16: {TWICE_THERE}",
+        ),
     ],
 )  # fmt: skip
 def test_a_mistake_is_a_sentence(tmp_path, text, sentence):
@@ -348,10 +381,15 @@ def test_what_only_learners_take_is_nothing_to_teams_that_do_not_learn(tmp_path)
         assert full.config == bare.config
 
 
+def test_an_option_that_changes_nothing_is_no_mistake_where_it_makes_no_run_twice(tmp_path):
+    text = "[options]\npheromone_decay = 0.2\nfirst_team = 3\n[vary]\nstigmergy = [true, false]\n"
+    assert len(read(tmp_path, text).runs) == 2
+
+
 def test_a_policy_to_start_from_counts_by_its_weights(tmp_path):
     start = tmp_path / "start"
     shutil.copytree(find_policy("paper-2"), start)
-    text = f'[options]\ntechnique = "iql"\nstart_from = "{start}"\n'
+    text = f'[options]\ntechnique = "iql"\nstigmergy = true\nstart_from = "{start}"\n'
     (before,) = read(tmp_path, text).jobs
     assert list(before.config) == ["env", "algorithm", "schedule", "run", "evaluation", "start_weights"]
     assert read(tmp_path, text).jobs[0].key == before.key
