@@ -98,7 +98,11 @@ def leaderboard(
     require_same_tasks([*shipped.values(), *(run for runs in sources.values() for run in runs)])
     entries, few = [], 0
     for source, runs in sources.items():
-        whole = [group for group in _systems(runs) if source != OURS or len(group) >= LEAST_RUNS]
+        whole = [
+            group
+            for group in _systems(runs)
+            if source != OURS or len(group) >= LEAST_RUNS or group[0].technique.startswith(POLICY)
+        ]
         few += len(runs) - sum(map(len, whole)) if source == OURS else 0
         entries += [_entry(system, group, source) for system, group in _named(whole)]
     entries += [replace(_entry(run.technique, [run], OURS), kind="one team") for run in shipped.values()]

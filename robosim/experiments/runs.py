@@ -24,6 +24,7 @@ from robosim.errors import InputError, printable, shown, whole_number, without_c
 from robosim.experiments.jobs import CONFIG_FILE as JOB_FILE
 from robosim.experiments.jobs import WORK_FOLDER
 from robosim.experiments.results import Result, read_results
+from robosim.experiments.team import POLICY
 from robosim.texts import parse_json, parse_toml, read_limited, read_toml
 
 Floats = NDArray[np.float64]
@@ -184,7 +185,8 @@ def _pooled(runs: Iterable[Run]) -> Iterator[Run]:
         if (every[0].system, every[0].task, every[0].seed) in whole:
             continue
         first = every[0]
-        figures = {name: tuple(one for run in every for one in run.figures[name]) for name in first.figures}
+        known = [name for name in first.figures if all(name in run.figures for run in every)]
+        figures = {name: tuple(one for run in every for one in run.figures[name]) for name in known}
         yield replace(first, figures=figures, delivered=tuple(one for run in every for one in run.delivered))
 
 
@@ -403,6 +405,9 @@ def _read_result(result: Result, source: str) -> Run:
     if "algorithm" not in result.config:
         # What a controller that is only measured does not learn from makes no other controller of it.
         fields["options"] = {"actions": env.actions, "keep_distance": env.keep_distance or "none"}
+        if fields["technique"].startswith(POLICY):
+            # It has learned before: seeds here are those of its evaluations.
+            fields |= {"team": fields["technique"], "episodes_seed": fields["seed"]}
     fields["options"] |= {name: str(result.config[name]) for name in _WEIGHTS if name in result.config}
     return Run(
         source=source,

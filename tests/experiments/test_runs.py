@@ -442,6 +442,14 @@ def test_evaluations_of_one_trained_team_are_one_run_and_of_a_script_several(tmp
     assert [run.seed for run in by_name["lanes"]] == [1, 2]
 
 
+def test_a_finished_team_in_a_sweep_is_one_run_with_the_episodes_of_all_seeds(tmp_path):
+    for seed, pellets in ((2, [5, 6]), (1, [7, 8]), (3, [9])):
+        made.result(tmp_path / "sweep.jsonl", "policy:any", seed, pellets, learned=False)
+    (run,) = read_runs([tmp_path / "sweep.jsonl"])
+    assert (run.seed, run.figures["pellets"]) == (1, (7, 8, 5, 6, 9))
+    assert list(map(sum, run.delivered)) == [7, 8, 5, 6, 9]
+
+
 def test_trainings_evaluated_elsewhere_are_seeds_of_one_system(tmp_path):
     """As `robosim evaluate --json` names the run; further episodes of one team are no other seed."""
 
