@@ -16,6 +16,9 @@ _COLUMNS = ("arena", "world", "robots")
 """What a column may tell apart; all else but the seed tells rows apart."""
 _SEED = "seed"
 
+WALL_TIME = "wall_time"
+"""Of a run as a whole: time spent learning, s. A table may show it as it shows figures."""
+
 Column = tuple[tuple[str, object], ...]
 """Names and values, of those of `_COLUMNS` that differ within the sweep."""
 
@@ -98,7 +101,7 @@ class SweepTable:
 
 
 def sweep_table(sweep: Sweep, results: Mapping[str, Result], figure: str = "pellets") -> SweepTable:
-    """Return the table of a figure: every run of the sweep is in it, with a record or without.
+    """Return the table of a figure, or of `WALL_TIME`: every run of the sweep is in it, with a record or not.
 
     `results` are records by key, as `read_results` returns them. Rows and columns stand in the sweep's order.
     """
@@ -113,12 +116,19 @@ def sweep_table(sweep: Sweep, results: Mapping[str, Result], figure: str = "pell
         if run.job is None:
             cell.skip = run.skip.rstrip(".")
         elif (result := results.get(run.job.key)) is not None:
-            if values := result.figures.get(figure):
+            if values := figure_of(result, figure):
                 cell.scores.append(float(np.mean(values)))
             else:
                 cell.without += 1
     every = dict.fromkeys(column for cells in rows.values() for column in cells)
     return SweepTable(sorted(every, key=_order), rows)
+
+
+def figure_of(result: Result, figure: str) -> Sequence[float]:
+    """Return the numbers of a record that a table is of; empty where it has none."""
+    if figure == WALL_TIME:
+        return [result.wall_time] if result.wall_time else []
+    return result.figures.get(figure, ())
 
 
 def system_of(run: Run) -> str:

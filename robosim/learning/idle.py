@@ -23,23 +23,29 @@ class IdleOption:
 
 def idle_options(config: RunConfig, given: Collection[str]) -> Iterator[IdleOption]:
     """Yield those of the given options, by name, that change nothing in a run of this configuration."""
-    schedule, variety = config.schedule, config.variety
+    schedule, variety, run = config.schedule, config.variety, config.run
     of_map = {
         name for name, option in config.own_options().items() if option.path[:2] == ("env", "pheromone")
     }
     for names, matters, needs in (
         (_OF_CURRICULUM, schedule.curriculum, "curriculum"),
         (of_map, config.env.stigmergy, "stigmergy"),
-        ({"record_steps"}, config.run.record_every, "record_every"),
+        ({"record_steps"}, run.record_every, "record_every"),
+        ({"evaluation_steps"}, run.evaluation_episodes, "evaluation_episodes"),
+        ({"evaluation_profile"}, run.evaluation_episodes or run.record_every, "evaluation_episodes"),
         ({"arena_seed", "random_share"}, variety and variety.random_arenas, "random_arenas"),
     ):
         if not matters:
             yield from (IdleOption(name, needs=needs) for name in sorted(names & set(given)))
     explores = not schedule.start_from or (schedule.curriculum and schedule.newcomer == "scratch")
+    joins = schedule.start_from or not schedule.curriculum or config.env.robots > schedule.first_team
     monotonic = getattr(config.algorithm, "mixer", "monotonic") == "monotonic"
+    seen = config.env.encoding != "paper" or not getattr(config.algorithm, "mask", False)
     for names, matters, why in (
         ({"epsilon_start", "exploration"}, explores, "with start_from, a team explores as at its end"),
         ({"first_team"}, not schedule.start_from, "with start_from, that team is the first"),
+        ({"newcomer"}, joins, "the first team is the whole team, which nobody joins"),
+        ({"mask"}, seen, "the paper's encoding does not tell which moves are blocked"),
         ({"mixer_width", "hyper_width"}, monotonic, "a sum of values has no networks"),
     ):
         if not matters:

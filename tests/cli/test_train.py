@@ -15,6 +15,7 @@ TINY = [
     "--steps", "240", "--num-envs", "2", "--episode-steps", "60", "--warmup", "40", "--hidden", "8", "8",
     "--evaluation-episodes", "1", "--evaluation-steps", "20",
 ]  # fmt: skip
+UNEVALUATED = ["--evaluation-episodes", "0", "--evaluation-steps", "0"]
 
 
 def test_a_run_records_playbacks_while_it_learns(tmp_path, capsys):
@@ -58,7 +59,7 @@ def test_resume_takes_no_other_options_and_needs_a_run(tmp_path, capsys):
 
 
 def test_it_says_how_many_decisions_were_taken_and_not_how_many_were_asked_for(tmp_path, capsys):
-    options = ["--steps", "9", "--evaluation-episodes", "0"]
+    options = ["--steps", "9", *UNEVALUATED]
     assert main(["train", "--out", str(tmp_path / "run"), *TINY, *options]) == 0
     assert "\n10 joint decisions in " in capsys.readouterr().out
 
@@ -89,6 +90,11 @@ def test_an_option_that_there_is_not_is_a_sentence(options, sentence, capsys):
         (["--technique", "smadrl", "--no-curriculum", "--newcomer", "copy"], "--newcomer", "--curriculum"),
         (["--no-stigmergy", "--pheromone-radius", "1"], "--pheromone-radius", "--stigmergy"),
         (["--record-steps", "9"], "--record-steps", "--record-every"),
+        (
+            ["--evaluation-episodes", "0", "--evaluation-steps", "9"],
+            "--evaluation-steps",
+            "--evaluation-episodes",
+        ),
         (["--arenas", "paper", "--random-share", "0.9"], "--random-share", "--random-arenas"),
     ],
 )
@@ -140,7 +146,7 @@ def test_an_option_that_changes_nothing_beside_another_is_refused(options, idle,
 
 def test_the_folder_says_in_which_world_a_team_learned(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    options = ["--steps", "4", "--evaluation-episodes", "0", "--robots", "1", "--technique", "iql"]
+    options = ["--steps", "4", *UNEVALUATED, "--robots", "1", "--technique", "iql"]
     for world in ("physics", "grid"):
         assert main(["train", "--arena", "paper-grid", "--world", world, *TINY, *options]) == 0
     assert {path.name for path in (tmp_path / "runs").iterdir()} == {
@@ -218,7 +224,7 @@ def test_the_same_command_may_be_given_again_until_the_run_is_finished(tmp_path,
 
 
 def test_a_run_too_short_to_learn_in_says_so(tmp_path, capsys):
-    options = ["--steps", "20", "--evaluation-episodes", "0"]
+    options = ["--steps", "20", *UNEVALUATED]
     assert main(["train", "--out", str(tmp_path / "run"), *TINY, *options]) == 0
     said = capsys.readouterr().err.splitlines()
     more = "; more --steps are needed, or updates that come earlier."

@@ -8,7 +8,7 @@ import pytest
 from robosim.errors import InputError
 from robosim.experiments.results import Result
 from robosim.experiments.sweep import Sweep, read_sweep
-from robosim.experiments.tables import SweepTable, sweep_table
+from robosim.experiments.tables import WALL_TIME, SweepTable, sweep_table
 
 FILE = """
 about = "x"
@@ -87,6 +87,16 @@ def test_a_record_without_the_figure_is_no_run_that_is_missing(sweep: Sweep) -> 
     assert cell.shown() == "20, 20 (3 of 4, no figure in 1)"
     del lanes[next(iter(lanes))]
     assert sweep_table(sweep, lanes, "touches").cell("`lanes`", robots=1).shown() == "no figure (3 of 4)"
+
+
+def test_a_table_of_the_time_to_learn_has_those_that_learned(sweep: Sweep) -> None:
+    lanes = record(sweep, {("lanes", 1, seed, None): [50.0] for seed in range(4)})
+    iql = record(sweep, {("iql", 4, seed, 0.001): [10.0, 10.0] for seed in range(4)})
+    iql = {key: replace(result, wall_time=80.0) for key, result in iql.items()}
+    lanes = {key: replace(result, wall_time=0.0) for key, result in lanes.items()}
+    found = sweep_table(sweep, lanes | iql, WALL_TIME)
+    assert found.cell("`iql`, `learning_rate` 0.001", robots=4).scores == [80.0] * 4
+    assert found.cell("`lanes`", robots=1).shown() == "no figure"
 
 
 def test_the_table_in_markdown_has_columns_by_size_and_rows_in_the_order_of_the_sweep(sweep: Sweep) -> None:
