@@ -29,7 +29,7 @@ from robosim.experiments.paper import PELLETS, TECHNIQUES
 from robosim.experiments.results import Result, read_results
 from robosim.experiments.runs import Run, read_runs
 from robosim.experiments.sweep import Sweep, read_sweep
-from robosim.experiments.tables import Column, SweepTable, sweep_table
+from robosim.experiments.tables import WALL_TIME, Column, SweepTable, figure_of, sweep_table
 from robosim.files import write_whole
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -82,6 +82,7 @@ WORK = {
     "bucket_brigade": "Share of the episodes that it calls Bucket-Brigade.",
     "clogged_share": "Share of the time in which the tunnel was clogged.",
 }
+TIME = {WALL_TIME: "Time to learn, s, in one process with one thread, two of them side by side on two cores."}
 CLOG_PICTURE = IMAGES / "results-clog.png"
 CLOG_TEAMS = (("paper-2", 1500), ("paper-8-smadrl", 1500))
 """Policies that ship, each to drive eight robots, and the decision at which the picture is taken."""
@@ -105,6 +106,7 @@ SECTIONS = (
     Section("smadrl", "S-MADRL that scales", False, ("learning-curves",), (), TOUCHES),
     Section("scaling", "Eight robots and one", False),
     Section("default", "Which technique by default?", False, (), (), TOUCHES),
+    Section("time", "Eight robots by time", False, (), (), TIME),
     Section("gentle", "What gentleness costs", False, ("touches",), (), TOUCHES),
     Section("curriculum", "What the curriculum costs and brings", False),
     Section("stigmergy", "Does stigmergy help?", False),
@@ -200,8 +202,9 @@ def section_lines(section: Section) -> Iterator[str]:
     yield ""
     yield from reading(section.name)
     for figure, about in (section.also or {}).items():
-        if any(result.figures.get(figure) for result in done):
-            lines = sweep_table(sweep, results, figure).lines(digits=0 if figure == "touches" else 2)
+        if any(figure_of(result, figure) for result in done):
+            digits = 0 if figure in {"touches", WALL_TIME} else 2
+            lines = sweep_table(sweep, results, figure).lines(digits)
             yield from folded(about, lines)
     yield from figure_lines(section)
 

@@ -22,8 +22,9 @@ from robosim.files import real_path
 from robosim.robot.drivers import ACTION_KINDS
 
 Kind = Literal["trained", "scripted", "one team"]
-SEARCH = "tuning.results.jsonl"
-"""Records of the search for settings: what it chose by its seed must not be judged by it again."""
+NOT_RANKED = {"tuning.results.jsonl", "time.results.jsonl"}
+"""Records of the search for settings: what it chose by its seed must not be judged by it again. And of runs
+that were made to be timed, some of which other records hold, too, from another machine."""
 OURS = "robosim"
 """Where entries come from that robosim has itself."""
 
@@ -73,12 +74,12 @@ class Leaderboard:
 
 
 def committed_records() -> list[Path]:
-    """Return the files of results that robosim keeps with its code, but for those of the search for settings.
+    """Return the files of results that robosim keeps with its code, but for those that are not ranked.
 
     None beside an installed package.
     """
     folder = Path(robosim.__file__).parent.parent / "docs" / "results"
-    return sorted(path for path in folder.glob("*.results.jsonl") if path.name != SEARCH)
+    return sorted(path for path in folder.glob("*.results.jsonl") if path.name not in NOT_RANKED)
 
 
 def leaderboard(
