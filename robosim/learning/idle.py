@@ -38,15 +38,16 @@ def idle_options(config: RunConfig, given: Collection[str]) -> Iterator[IdleOpti
         if not matters:
             yield from (IdleOption(name, needs=needs) for name in sorted(names & set(given)))
     explores = not schedule.start_from or (schedule.curriculum and schedule.newcomer == "scratch")
-    joins = schedule.start_from or not schedule.curriculum or config.env.robots > schedule.first_team
+    joins = bool(schedule.start_from) or not schedule.curriculum or config.env.robots > schedule.first_team
     monotonic = getattr(config.algorithm, "mixer", "monotonic") == "monotonic"
     seen = config.env.encoding != "paper" or not getattr(config.algorithm, "mask", False)
-    for names, matters, why in (
+    reasons: tuple[tuple[set[str], bool, str], ...] = (
         ({"epsilon_start", "exploration"}, explores, "with start_from, a team explores as at its end"),
         ({"first_team"}, not schedule.start_from, "with start_from, that team is the first"),
         ({"newcomer"}, joins, "the first team is the whole team, which nobody joins"),
         ({"mask"}, seen, "the paper's encoding does not tell which moves are blocked"),
         ({"mixer_width", "hyper_width"}, monotonic, "a sum of values has no networks"),
-    ):
+    )
+    for names, matters, why in reasons:
         if not matters:
             yield from (IdleOption(name, why=why) for name in sorted(names & set(given)))
