@@ -60,6 +60,13 @@ def _rectangular(place: str, tasks: _Runs) -> tuple[dict[str, dict[str, list[Run
         notes.append(
             f"--marl-eval: {place} leaves out {', '.join(left)}, since they lack runs of some tasks."
         )
+    alone = [name for name in whole if all(run.team for task in tasks.values() for run in task[name])]
+    if any(len(task[name]) > 1 for task in tasks.values() for name in whole if name not in alone):
+        # Its one run would leave one of every other system.
+        whole = [name for name in whole if name not in alone]
+        notes += [
+            f"--marl-eval: {place} leaves out {name}, a finished team: it is one run." for name in alone
+        ]
     counts = [len(task[name]) for task in tasks.values() for name in whole]
     if whole and max(counts) > min(counts):
         notes.append(

@@ -187,7 +187,9 @@ def _pooled(runs: Iterable[Run]) -> Iterator[Run]:
         first = every[0]
         known = [name for name in first.figures if all(name in run.figures for run in every)]
         figures = {name: tuple(one for run in every for one in run.figures[name]) for name in known}
-        yield replace(first, figures=figures, delivered=tuple(one for run in every for one in run.delivered))
+        # Of episodes that only some of the evaluations know, nothing is known of the whole.
+        delivered = [one for run in every for one in run.delivered] if all(r.delivered for r in every) else []
+        yield replace(first, figures=figures, delivered=tuple(delivered))
 
 
 def shipped_run(name: str, card: PolicyCard) -> Run | None:

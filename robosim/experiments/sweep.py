@@ -28,10 +28,12 @@ from robosim.experiments.team import (
     measuring_job,
     require_driving,
     require_learning,
+    require_measuring,
 )
 from robosim.learning.config import (
     DEFAULT_TECHNIQUE,
     TRAINING_ENV,
+    RunConfig,
     RunSettings,
     run_config,
     self_contained,
@@ -310,15 +312,15 @@ def _built(drafts: Sequence[_Draft], measuring: Measuring, place: str) -> list[R
             runs.append(Run(draft.names, draft.options, None, draft.skip))
             continue
         try:
-            job = builder.job(draft.options)
+            job, config = builder.job(draft.options)
         except InputError as error:
             raise InputError(f"{place}: {_label(draft.names) or 'options'}: {error}") from None
         if job.key in seen:
             continue
         seen.add(job.key)
-        idle = builder.idle(draft.options)
+        idle = {} if config is None else _idle_in(config, draft.options)
         effective = {name: value for name, value in draft.options.items() if name not in idle}
-        does = builder.job(effective).key if idle else job.key
+        does = builder.job(effective)[0].key if idle else job.key
         if does in doing:
             other, idle_there = doing[does]
             raise InputError(f"{place}: {_twice(draft, other, {**idle_there, **idle})}")
@@ -327,12 +329,21 @@ def _built(drafts: Sequence[_Draft], measuring: Measuring, place: str) -> list[R
     return runs
 
 
+def _idle_in(config: RunConfig, options: Mapping[str, Any]) -> dict[str, str]:
+    """Return those options of a training that change nothing in it, and why."""
+    return {
+        one.name: f"without {one.needs}" if one.needs else f"there ({one.why})"
+        for one in idle_options(config, options)
+    }
+
+
 def _twice(draft: _Draft, other: _Draft, idle: Mapping[str, str]) -> str:
     """Return the sentence about a run that differs from another one only in what changes nothing."""
     name = next(name for name in idle if draft.options.get(name) != other.options.get(name))
+    one, before = (_label(run.names or {_TECHNIQUE: run.options[_TECHNIQUE]}) for run in (draft, other))
     return (
-        f"{_label(draft.names)}: this is {_label(other.names)} once more, since {name} changes nothing "
-        f"{idle[name]}: give it with [[where]] to the runs that it is for."
+        f"{one}: this is {before} once more, since {name} changes nothing {idle[name]}: "
+        "give it with [[where]] to the runs that it is for."
     )
 
 
@@ -346,35 +357,38 @@ class _Builder:
         self._sound: set[tuple[str, ...]] = set()
         self._check = OptionCheck()
 
-    def job(self, options: Mapping[str, Any]) -> Job:
-        """Return the job; InputError for a technique, an option or a value that cannot be."""
+    def job(self, options: Mapping[str, Any]) -> tuple[Job, RunConfig | None]:
+        """Return the job, and the training in it if a team learns.
+
+        InputError for a technique, an option or a value that cannot be.
+        """
         if isinstance(options.get("arena"), str):
             options = {**options, "arena": self._whole_arena(options["arena"])}
         team = options[_TECHNIQUE]
         if not isinstance(team, str):
             raise refused(_TECHNIQUE, team, "a text")
         if team in SCRIPTED or team.startswith(POLICY):
-            return self._measured(team, options)
+            return self._measured(team, options), None
         _require_technique(team)
         config = self_contained(run_config(**options))
         if config.variety is None:
             self._require_room(config.env)
         job = learning_job(config, self._measuring)
-        what = config.env.model_dump_json(), config.algorithm.model_dump_json(), config.schedule.start_from
-        if what not in self._sound:
-            require_learning(config)
-            self._sound.add(what)
-        return job
+        self._require_sound(config)
+        return job, config
 
-    def idle(self, options: Mapping[str, Any]) -> dict[str, str]:
-        """Return those options of a run that change nothing in it, and why; none where no team learns."""
-        team = options[_TECHNIQUE]
-        if team in SCRIPTED or team.startswith(POLICY):
-            return {}
-        return {
-            one.name: f"without {one.needs}" if one.needs else f"there ({one.why})"
-            for one in idle_options(run_config(**options), options)
-        }
+    def _require_sound(self, config: RunConfig) -> None:
+        """Raise InputError for a run that would fail in its turn; runs that are alike are tried once."""
+        schedule, device = config.schedule, getattr(config.algorithm, "device", None)
+        what = [config.env.model_dump_json(), str(device)]
+        if config.variety is not None:
+            what += [config.variety.model_dump_json(), str(schedule.num_envs)]
+        if schedule.start_from:
+            what += [config.algorithm.model_dump_json(), schedule.changed(steps=1).model_dump_json()]
+        if tuple(what) not in self._sound:
+            require_measuring(config.env, self._measuring)
+            require_learning(config)
+            self._sound.add(tuple(what))
 
     def _measured(self, team: str, options: Mapping[str, Any]) -> Job:
         """Return the job that only measures: it takes the options of the environment, and the seed."""
@@ -389,7 +403,7 @@ class _Builder:
         job = measuring_job(team, env, seed, self._measuring)
         what = env.model_dump_json(), team
         if what not in self._sound:
-            require_driving(team, env)
+            require_driving(team, env, self._measuring)
             self._sound.add(what)
         return job
 

@@ -19,12 +19,15 @@ from robosim.control.learned import LearnedController
 from robosim.control.network import DRAWING
 from robosim.control.policy import RUN_POLICY, find_policy, read_policy, team_digest
 from robosim.envs.config import MOST_STEPS, EnvConfig
+from robosim.envs.mixed import MixedVectorEnv
 from robosim.envs.profile import LONGEST_PROFILE, profile_text
 from robosim.envs.vector import VectorEnv
 from robosim.errors import InputError, refused, shown
 from robosim.experiments.jobs import Job, Outcome, Report, ignore
 from robosim.experiments.measures import evaluation_figures, evaluation_series, learning_curve
 from robosim.learning.config import EVALUATION_SEED, RunConfig, child_seed
+from robosim.learning.curriculum import plan_stages
+from robosim.learning.devices import require_device_name
 from robosim.plugins import load_plugins
 from robosim.records import Record
 
@@ -94,19 +97,28 @@ def measuring_job(team: str, env: EnvConfig, seed: int, measuring: Measuring) ->
 
 def require_learning(run: RunConfig) -> None:
     """Raise InputError for a training that could not begin: now, and not in its turn."""
-    from robosim.learning.computing import require_device_name
-    from robosim.learning.training import evaluation_env, starting_team
-
     # Another machine may have the device that this one lacks.
     require_device_name(getattr(run.algorithm, _DEVICE, None) or "cpu")
-    evaluation_env(run, 1, 0)
+    if run.variety is None:
+        VectorEnv(run.env, num_envs=1, seed=0)
+    else:
+        MixedVectorEnv(run.env, run.variety, num_envs=run.schedule.num_envs, seed=0)
     if run.schedule.start_from:
-        starting_team(run, read_policy(find_policy(run.schedule.start_from)))
+        # Only these runs need torch before their turn.
+        from robosim.learning.training import starting_team
+
+        _, team = starting_team(run, read_policy(find_policy(run.schedule.start_from)))
+        plan_stages(run, team.spec.robots)
 
 
-def require_driving(team: str, env: EnvConfig) -> None:
-    """Raise InputError for a scripted controller or a policy that could not drive such a team."""
-    one = VectorEnv(env, num_envs=1, seed=0)
+def require_measuring(env: EnvConfig, measuring: Measuring) -> VectorEnv:
+    """Return an environment in which a team is to be measured; InputError where there can be none."""
+    return _measuring_env(env, measuring, 1, 0)
+
+
+def require_driving(team: str, env: EnvConfig, measuring: Measuring) -> None:
+    """Raise InputError for a scripted controller or a policy that could not be measured so."""
+    one = require_measuring(env, measuring)
     one.reset()
     make_controller(team.removeprefix(POLICY)).reset(one)
 
@@ -266,14 +278,7 @@ def _measured(
     """
     began = time.perf_counter()
     env_seed = child_seed(seed, EVALUATION_SEED)
-    env = VectorEnv(
-        config.changed(profile=None),
-        num_envs=min(measuring.episodes, _SIDE_BY_SIDE),
-        seed=env_seed,
-        pellet_gradient=0.0,
-        episode_steps=measuring.steps,
-        profile=measuring.profile,
-    )
+    env = _measuring_env(config, measuring, min(measuring.episodes, _SIDE_BY_SIDE), env_seed)
     monitor = TeamMonitor()
     evaluation = evaluate(controller, env, measuring.episodes, env_seed, watch=[monitor, shares])
     return Outcome(
@@ -281,6 +286,18 @@ def _measured(
         wall_time=0.0,
         series=evaluation_series(evaluation, monitor.episodes),
         evaluation_time=time.perf_counter() - began,
+    )
+
+
+def _measuring_env(config: EnvConfig, measuring: Measuring, num_envs: int, seed: int) -> VectorEnv:
+    """Return the environments in which a team is measured, under the profile of measuring alone."""
+    return VectorEnv(
+        config.changed(profile=None),
+        num_envs=num_envs,
+        seed=seed,
+        pellet_gradient=0.0,
+        episode_steps=measuring.steps,
+        profile=measuring.profile,
     )
 
 

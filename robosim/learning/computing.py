@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import torch
 
 from robosim.errors import InputError, shown
+from robosim.learning.devices import require_device_name
 
 
 @contextmanager
@@ -36,12 +37,6 @@ def denormals_flushed() -> Iterator[None]:
         yield
     finally:
         torch.set_flush_denormal(False)
-
-
-def require_device_name(name: str) -> None:
-    """Raise InputError for what is no device's name, whether this machine has it or not."""
-    if name != "cpu" and name.partition(":")[0] != "cuda":
-        raise InputError(f'device is {shown(name)}, but must be "cpu", or "cuda" for a GPU.')
 
 
 def find_device(name: str) -> torch.device:

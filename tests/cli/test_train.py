@@ -90,11 +90,6 @@ def test_an_option_that_there_is_not_is_a_sentence(options, sentence, capsys):
         (["--technique", "smadrl", "--no-curriculum", "--newcomer", "copy"], "--newcomer", "--curriculum"),
         (["--no-stigmergy", "--pheromone-radius", "1"], "--pheromone-radius", "--stigmergy"),
         (["--record-steps", "9"], "--record-steps", "--record-every"),
-        (
-            ["--evaluation-episodes", "0", "--evaluation-steps", "9"],
-            "--evaluation-steps",
-            "--evaluation-episodes",
-        ),
         (["--arenas", "paper", "--random-share", "0.9"], "--random-share", "--random-arenas"),
     ],
 )
@@ -132,6 +127,11 @@ def test_an_option_that_changes_nothing_is_refused(options, idle, needed, tmp_pa
             ["--technique", "smadrl", "--start-from", "paper-2", "--first-team", "3"],
             "--first-team",
             "with --start-from, that team is the first",
+        ),
+        (
+            ["--evaluation-episodes", "0", "--evaluation-steps", "9"],
+            "--evaluation-steps",
+            "there are no episodes of evaluation",
         ),
         (["--technique", "vdn", "--mixer-width", "8"], "--mixer-width", "a sum of values has no networks"),
     ],

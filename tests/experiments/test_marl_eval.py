@@ -1,5 +1,7 @@
 """What marl-eval reads: `check` asks what `DiagnoseData` of id-marl-eval 0.0.4 asks, and more."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,20 @@ def test_unequal_runs_are_cut_to_equal_ones_and_that_is_said():
         "--marl-eval: paper-grid-500 leaves out d, since they lack runs of some tasks.",
         "--marl-eval: paper-grid-500 has the first 2 seeds of each system, the fewest there are.",
     ]
+
+
+def test_a_finished_team_does_not_leave_one_run_of_every_other_system():
+    runs = [run("iql", seed) for seed in range(3)]
+    team = replace(run("policy:any", 0, curve=None), team="policy:any")
+    tables, notes = marl_eval_tables([*runs, team], "pellets")
+    assert check(tables, "pellets")[0] == 3
+    assert notes == ["--marl-eval: paper-grid-500 leaves out policy:any, a finished team: it is one run."]
+    # Beside systems of one run it stays.
+    tables, notes = marl_eval_tables([runs[0], team], "pellets")
+    assert check(tables, "pellets")[0] == 1
+    assert not notes
+    (systems,) = (tasks["2-robots"] for tasks in tables.values())
+    assert list(systems) == ["iql", "policy:any"]
 
 
 def test_curves_end_with_the_shortest():

@@ -311,6 +311,26 @@ def test_keys_do_not_change_when_an_optional_part_is_left_out():
             "options: policy paper-2 does not fit arena 'paper': stigmergy was True in training and ",
         ),
         (
+            '[options]\nrobots = 8\nstart_from = "paper-8-smadrl"\ntechnique = "smadrl+"\nfine_tune = 0.0',
+            "options: start_from holds 8 robots, but must hold less than the whole team without fine_tune.",
+        ),
+        (
+            '[options]\nworld = "grid"\nprofile = "robotarium"',
+            "options: motion.wheel_gain is [0.97, 1.03], but must be [1.0, 1.0] in the grid world, ",
+        ),
+        (
+            '[options]\nworld = "grid"\n[evaluation]\nprofile = "robotarium"',
+            "options: motion.wheel_gain is [0.97, 1.03], but must be [1.0, 1.0] in the grid world, ",
+        ),
+        (
+            '[options]\ntechnique = "ps-dqn"\narenas = ["paper"]\nteam_sizes = [40]',
+            "options: arenas: paper has room for 35 robots, but must have room for 40, as team_sizes says.",
+        ),
+        (
+            '[options]\ntechnique = "iql"\n[[where]]\nmatch = {}\ntrials = [{}, {fine_tune = 0.2}]',
+            "fine_tune=0.2: this is technique=iql once more, since fine_tune changes nothing without ",
+        ),
+        (
             '[options]\ntechnique = "policy:paper-2"\narena = "robotarium"',
             "options: policy paper-2 does not fit arena 'robotarium': cell size (m) was 0.15 in ",
         ),
@@ -379,6 +399,13 @@ def test_what_only_learners_take_is_nothing_to_teams_that_do_not_learn(tmp_path)
             # The environment of one that learns nothing is kept as it is asked for.
             assert full.config["env"].pop("reward") != bare.config["env"].pop("reward")
         assert full.config == bare.config
+
+
+def test_the_profile_under_which_a_finished_team_learned_is_no_part_of_measuring_it(tmp_path):
+    # There is no such thing in the grid world.
+    text = '[options]\nrobots = 4\ntechnique = "policy:paper-4-robust"\nworld = "grid"'
+    (job,) = read(tmp_path, text).jobs
+    assert "profile" not in job.config["env"]
 
 
 def test_an_option_that_changes_nothing_is_no_mistake_where_it_makes_no_run_twice(tmp_path):
