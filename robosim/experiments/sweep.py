@@ -25,10 +25,10 @@ from robosim.experiments.team import (
     Measuring,
     env_of_policy,
     learning_job,
+    measuring_env,
     measuring_job,
     require_driving,
     require_learning,
-    require_measuring,
 )
 from robosim.learning.config import (
     DEFAULT_TECHNIQUE,
@@ -386,7 +386,7 @@ class _Builder:
         if schedule.start_from:
             what += [config.algorithm.model_dump_json(), schedule.changed(steps=1).model_dump_json()]
         if tuple(what) not in self._sound:
-            require_measuring(config.env, self._measuring)
+            measuring_env(config.env, self._measuring)
             require_learning(config)
             self._sound.add(tuple(what))
 
