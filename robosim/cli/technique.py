@@ -49,13 +49,18 @@ class Show:
 
     def run(self) -> None:
         from robosim.errors import shown
-        from robosim.learning.technique import find_technique
+        from robosim.learning.technique import MANY_ROBOTS, find_technique
 
         technique = find_technique(self.name)
         print(f"{technique.name}: {technique.about}")
         print(f"  {'algorithm':<22}  {technique.algorithm}")
-        for name, value in technique.options.items():
-            print(f"  {name:<22}  {shown(value)}")
+        for options, when in (
+            (technique.options, ""),
+            (technique.with_wheels, "  (with wheel actions)"),
+            (technique.with_many, f"  (from {MANY_ROBOTS} robots on)"),
+        ):
+            for name, value in options.items():
+                print(f"  {name:<22}  {shown(value)}{when}")
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, cast
 
 import tyro
 
@@ -62,6 +62,9 @@ class Train:
     """What is random and wrong about robots as they learn, by name or file (docs/noise.md); the options that
     begin with motion, sensing and pheromones change it."""
 
+    named: ClassVar[frozenset[str]] = frozenset()
+    """Options that the command line names."""
+
     def run(self) -> None:
         """Train with a progress display, then say what came of it."""
         if self.resume is not None:
@@ -69,9 +72,11 @@ class Train:
         else:
             from robosim.learning.config import run_config
 
-            given = dict(self._changed())
-            config = run_config(self.technique, profile=self._profile(), **given)
-            _refuse_options_without_effect(config, given)
+            changed = dict(self._options(changed=True))
+            # What is named counts even where it is the default: teams with wheels, say, have other defaults.
+            named = {name: value for name, value in self._options() if name in self.named}
+            config = run_config(self.technique, profile=self._profile(), **{**named, **changed})
+            _refuse_options_without_effect(config, changed)
             begin(config, self.out or _run_folder(config), self.resume_if_present, live=self.live)
 
     def _profile(self) -> ProfileConfig | None:
@@ -79,14 +84,14 @@ class Train:
 
         return None if self.profile is None else load_profile(self.profile)
 
-    def _changed(self) -> Iterator[tuple[str, Any]]:
-        """Yield the options that differ from what the technique sets, by name."""
+    def _options(self, changed: bool = False) -> Iterator[tuple[str, Any]]:
+        """Yield options with their values, all of them or those that differ from what the technique sets."""
         for group in _GROUPS:
             values = getattr(self, f"{group}_options", None)
             if values is not None:
                 for one in dataclasses.fields(values):
                     value = getattr(values, one.name)
-                    if value != one.default:
+                    if value != one.default or not changed:
                         yield one.name, value
 
 
@@ -116,9 +121,9 @@ def train_command(arguments: Sequence[str]) -> type[Train]:
         # Not by the group's bare name, since `run` is a method.
         titled: Any = Annotated[group, tyro.conf.arg(name=name)]
         members.append((f"{name}_options", titled, field(default_factory=group)))
-    return dataclasses.make_dataclass(
-        "Train", members, bases=(Train,), frozen=True, namespace={"__doc__": Train.__doc__}
-    )
+    named = frozenset(_name(argument) for argument in arguments if argument.startswith("--"))
+    namespace = {"__doc__": Train.__doc__, "named": named}
+    return dataclasses.make_dataclass("Train", members, bases=(Train,), frozen=True, namespace=namespace)
 
 
 def _value_at(config: RunConfig, option: Option) -> Any:

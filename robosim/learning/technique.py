@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from robosim.errors import InputError, nearest_names, shown
+
+MANY_ROBOTS = 8
+"""From as many robots on, a joint decision of a team brings so much experience that fewer updates do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,15 +25,24 @@ class Technique:
     """What it is, in a sentence."""
     with_wheels: Mapping[str, Any] = field(default_factory=dict)
     """Options besides, for teams that choose wheel speeds."""
+    with_many: Mapping[str, Any] = field(default_factory=dict)
+    """Options besides, for teams of `MANY_ROBOTS` and more."""
 
     def changed(self, name: str, /, **options: Any) -> Technique:
         """Return a technique of that name with some options different."""
-        return Technique(name, self.algorithm, {**self.options, **options}, with_wheels=self.with_wheels)
+        return replace(self, name=name, options={**self.options, **options}, about="")
 
     def options_with(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return all options of a run for which `options` are asked for besides."""
         wheels = options.get("actions", self.options.get("actions", "cardinal")) != "cardinal"
-        return {**self.options, **(self.with_wheels if wheels else {}), **options}
+        robots = options.get("robots", self.options.get("robots"))
+        many = isinstance(robots, int) and robots >= MANY_ROBOTS
+        return {
+            **self.options,
+            **(self.with_wheels if wheels else {}),
+            **(self.with_many if many else {}),
+            **options,
+        }
 
 
 _TEAM = {"reward": "global", "sharing": "split"}
@@ -41,6 +53,8 @@ _SHARED = {**_LOCAL, "stigmergy": True, "idle_cost": True, "parameters": "shared
 """All robots run one network, which does not choose blocked moves, and standing costs."""
 _FAR = {"discount": 0.98, "learning_rate": 3e-3}
 """Wheels move a robot by little in a decision: it has to look further ahead (docs/wheels.md)."""
+_SELDOM = {"updates_per_step": 0.25}
+"""Half the updates bring as much, in less time (docs/results.md, eight robots by time)."""
 _COPIED = {"newcomer": "copy", "fine_tune": 0.9}
 """With wheels even going straight has to be learned: newcomers that know how, and then all together."""
 _MANY = {"num_envs": 32}
@@ -177,6 +191,7 @@ _OURS = (
         {**_SHARED, "normalisation": "rms"},
         "Ours, the default: one network for all, normalised, which does not choose blocked moves.",
         _FAR,
+        _SELDOM,
     ),
     Technique("ps-pqn", "pqn", {**_SHARED, **_MANY}, "Ours: ps-dqn without replay, by PQN."),
     Technique("ps-a2c", "ia2c", _SHARED, "Ours: ps-dqn with an actor and a critic, one of each for all."),

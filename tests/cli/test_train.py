@@ -155,6 +155,13 @@ def test_the_folder_says_in_which_world_a_team_learned(tmp_path, monkeypatch, ca
     }
 
 
+def test_an_option_counts_where_it_is_what_teams_without_wheels_have(tmp_path):
+    options = ["--actions", "wheels", "--robots", "8", "--discount", "0.95", "--updates-per-step=0.5"]
+    assert main(["train", "--out", str(tmp_path / "run"), *TINY, *options]) == 0
+    algorithm = read_config(tmp_path / "run" / "config.toml").algorithm
+    assert (algorithm.discount, algorithm.learning_rate, algorithm.updates_per_step) == (0.95, 3e-3, 0.5)
+
+
 def test_without_options_it_is_the_default_technique_in_the_default_arena():
     given = parse(["train", "--technique", "ps-dqn", "--arena", "paper"])
     assert asdict(parse(["train"])) == asdict(given)

@@ -22,3 +22,11 @@ def test_a_changed_technique_keeps_what_it_does_with_wheels() -> None:
     changed = find_technique("ps-dqn").changed("mine", idle_cost=False)
     assert changed.options_with({"actions": "wheels"})["discount"] == 0.98
     assert "discount" not in changed.options_with({})
+
+
+def test_a_team_of_eight_and_more_learns_by_fewer_updates() -> None:
+    updates = [run_config("ps-dqn", robots=n).algorithm.updates_per_step for n in (7, 8, 9)]
+    assert updates == [0.5, 0.25, 0.25]
+    assert run_config("ps-dqn", robots=8, updates_per_step=0.5).algorithm.updates_per_step == 0.5
+    assert find_technique("ps-dqn").changed("mine").options_with({"robots": 8})["updates_per_step"] == 0.25
+    assert run_config("iql", robots=8).algorithm.updates_per_step == 0.5
