@@ -72,10 +72,11 @@ class Train:
         else:
             from robosim.learning.config import run_config
 
-            changed = dict(self._options(changed=True))
+            options = list(self._options())
+            changed = [name for name, _, differs in options if differs]
             # What is named counts even where it is the default: teams with wheels, say, have other defaults.
-            named = {name: value for name, value in self._options() if name in self.named}
-            config = run_config(self.technique, profile=self._profile(), **{**named, **changed})
+            given = {name: value for name, value, differs in options if differs or name in self.named}
+            config = run_config(self.technique, profile=self._profile(), **given)
             _refuse_options_without_effect(config, changed)
             begin(config, self.out or _run_folder(config), self.resume_if_present, live=self.live)
 
@@ -84,15 +85,14 @@ class Train:
 
         return None if self.profile is None else load_profile(self.profile)
 
-    def _options(self, changed: bool = False) -> Iterator[tuple[str, Any]]:
-        """Yield options with their values, all of them or those that differ from what the technique sets."""
+    def _options(self) -> Iterator[tuple[str, Any, bool]]:
+        """Yield each option's name and value, and whether that differs from what the technique sets."""
         for group in _GROUPS:
             values = getattr(self, f"{group}_options", None)
             if values is not None:
                 for one in dataclasses.fields(values):
                     value = getattr(values, one.name)
-                    if value != one.default or not changed:
-                        yield one.name, value
+                    yield one.name, value, value != one.default
 
 
 def train_command(arguments: Sequence[str]) -> type[Train]:

@@ -25,7 +25,6 @@ from robosim.experiments.team import (
     Measuring,
     env_of_policy,
     learning_job,
-    measuring_env,
     measuring_job,
     require_driving,
     require_learning,
@@ -354,7 +353,7 @@ class _Builder:
         self._measuring = measuring
         self._arenas: dict[str, str] = {}
         self._rooms: dict[tuple[WorldKind, str, float | None], tuple[str, int]] = {}
-        self._sound: set[tuple[str, ...]] = set()
+        self._tried: set[tuple[str, ...]] = set()
         self._check = OptionCheck()
 
     def job(self, options: Mapping[str, Any]) -> tuple[Job, RunConfig | None]:
@@ -385,10 +384,14 @@ class _Builder:
             what += [config.variety.model_dump_json(), str(schedule.num_envs)]
         if schedule.start_from:
             what += [config.algorithm.model_dump_json(), schedule.changed(steps=1).model_dump_json()]
-        if tuple(what) not in self._sound:
-            measuring_env(config.env, self._measuring)
-            require_learning(config)
-            self._sound.add(tuple(what))
+        if self._is_new(*what):
+            require_learning(config, self._measuring)
+
+    def _is_new(self, *what: str) -> bool:
+        """Return whether nothing alike has been tried before."""
+        new = what not in self._tried
+        self._tried.add(what)
+        return new
 
     def _measured(self, team: str, options: Mapping[str, Any]) -> Job:
         """Return the job that only measures: it takes the options of the environment, and the seed."""
@@ -401,10 +404,8 @@ class _Builder:
             env = TRAINING_ENV.with_options(**{n: value for n, value in options.items() if n in of_env})
         self._require_room(env)
         job = measuring_job(team, env, seed, self._measuring)
-        what = env.model_dump_json(), team
-        if what not in self._sound:
+        if self._is_new(env.model_dump_json(), team):
             require_driving(team, env, self._measuring)
-            self._sound.add(what)
         return job
 
     def _require_room(self, env: EnvConfig) -> None:

@@ -95,23 +95,9 @@ def measuring_job(team: str, env: EnvConfig, seed: int, measuring: Measuring) ->
     return Job(config)
 
 
-def measuring_env(config: EnvConfig, measuring: Measuring, num_envs: int = 1, seed: int = 0) -> VectorEnv:
-    """Return environments in which a team is measured, under the profile of measuring alone.
-
-    InputError where there can be none.
-    """
-    return VectorEnv(
-        config.changed(profile=None),
-        num_envs=num_envs,
-        seed=seed,
-        pellet_gradient=0.0,
-        episode_steps=measuring.steps,
-        profile=measuring.profile,
-    )
-
-
-def require_learning(run: RunConfig) -> None:
-    """Raise InputError for a training that could not begin: now, and not in its turn."""
+def require_learning(run: RunConfig, measuring: Measuring) -> None:
+    """Raise InputError for a team that could not begin to learn, or be measured: now, and not in its turn."""
+    _measuring_env(run.env, measuring)
     # Another machine may have the device that this one lacks.
     require_device_name(getattr(run.algorithm, _DEVICE, None) or "cpu")
     if run.variety is None:
@@ -128,7 +114,7 @@ def require_learning(run: RunConfig) -> None:
 
 def require_driving(team: str, env: EnvConfig, measuring: Measuring) -> None:
     """Raise InputError for a scripted controller or a policy that could not be measured so."""
-    one = measuring_env(env, measuring)
+    one = _measuring_env(env, measuring)
     one.reset()
     make_controller(team.removeprefix(POLICY)).reset(one)
 
@@ -288,7 +274,7 @@ def _measured(
     """
     began = time.perf_counter()
     env_seed = child_seed(seed, EVALUATION_SEED)
-    env = measuring_env(config, measuring, min(measuring.episodes, _SIDE_BY_SIDE), env_seed)
+    env = _measuring_env(config, measuring, min(measuring.episodes, _SIDE_BY_SIDE), env_seed)
     monitor = TeamMonitor()
     evaluation = evaluate(controller, env, measuring.episodes, env_seed, watch=[monitor, shares])
     return Outcome(
@@ -296,6 +282,18 @@ def _measured(
         wall_time=0.0,
         series=evaluation_series(evaluation, monitor.episodes),
         evaluation_time=time.perf_counter() - began,
+    )
+
+
+def _measuring_env(config: EnvConfig, measuring: Measuring, num_envs: int = 1, seed: int = 0) -> VectorEnv:
+    """Return environments in which a team is measured, under the profile of measuring alone."""
+    return VectorEnv(
+        config.changed(profile=None),
+        num_envs=num_envs,
+        seed=seed,
+        pellet_gradient=0.0,
+        episode_steps=measuring.steps,
+        profile=measuring.profile,
     )
 
 
